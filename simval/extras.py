@@ -15,8 +15,13 @@ from simval.errors import InputError
 
 def refuse_without(extra: str, what: str, otherwise: str = "") -> NoReturn:
     """Refuse what needs the packages of an extra; `otherwise` is how to do without."""
-    msg = f"{what} needs the extra `{extra}`: {advice(extra)}{otherwise}"
+    msg = f"{needing(extra, what)}{otherwise}"
     raise InputError(msg) from None
+
+
+def needing(extra: str, what: str) -> str:
+    """Say what needs the packages of an extra, and how to install them."""
+    return f"{what} needs the extra `{extra}`: {advice(extra)}"
 
 
 def advice(extra: str) -> str:

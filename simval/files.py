@@ -7,11 +7,13 @@ A refusal is an `OSError` whose ``strerror`` says what the path is and what is r
 so that each reader says it in its own words for files that cannot be read.
 """
 
+import hashlib
 import os
 import re
 import stat
 from collections.abc import Callable
 from os import PathLike
+from pathlib import Path
 from typing import Any, Final
 
 MEBIBYTE: Final = 2**20
@@ -106,3 +108,19 @@ def toml(text: str) -> dict[str, Any]:
         msg = f"line {line} has a key of more than {MOST_PARTS} parts; ours have three"
         raise ValueError(msg)
     return tomllib.loads(text)
+
+
+def digest(path: str | PathLike[str]) -> str:
+    """SHA-256 of a file, of a folder that of its files in the order of their names.
+
+    Empty where there is none: it may have gone since it was read, or never have been.
+    """
+    path = Path(path)
+    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    found = hashlib.sha256()
+    try:
+        for each in files:
+            found.update(each.read_bytes() if each.is_file() or each == path else b"")
+    except OSError:
+        return ""
+    return found.hexdigest()

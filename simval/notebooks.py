@@ -18,13 +18,17 @@ class ShownFit:
 
     __slots__ = ()
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw each parameter with its 95 % interval, a panel for each kind.
+    def plot(self, axes: Any = None, reference: Any = None) -> Any:
+        """Draw each parameter with its 95 % interval, or its pull, a panel a kind.
 
         Parameters
         ----------
         axes : array of matplotlib Axes, optional
             Where to draw, one for each kind; a new figure if not given.
+        reference : fit, sensor or array_like, optional
+            Draws pulls, which 95 % intervals of ±1.96 should hold: value minus
+            reference in standard deviations, or the difference to another fit, of
+            other data, in those of the difference.
 
         Returns
         -------
@@ -33,7 +37,7 @@ class ShownFit:
             bias of a gyroscope or magnetometer. Of a batch, the mean and spread of the
             trials.
         """
-        return _drawing().plot_fit(self, axes)
+        return _drawing().plot_fit(self, axes, reference)
 
 
 class ShownRun:

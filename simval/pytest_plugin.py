@@ -92,14 +92,14 @@ def _judging(kind: str, config: pytest.Config) -> Check:
     def check(function: Any, /, **words: Any) -> Any:
         __tracebackhide__ = True
         from simval import plugins
-        from simval.check import check_function, told
+        from simval.check import check_function
         from simval.errors import SimvalError
 
         checked, why = None, config.getoption(UPDATE)
         own = getattr(plugins, kind)
         try:
             checked = check_function(function, own, **words, update_baseline=why)
-            text = told(checked)
+            text = str(checked)
         except SimvalError as error:
             text = str(error).replace("--update-baseline", UPDATE)
         if checked is None or not checked.good:  # not above: it would be told twice

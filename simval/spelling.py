@@ -72,10 +72,14 @@ def chance(p: float) -> str:
     return f"p < {LEAST_CHANCE:g}" if small else f"p = {p:.2g}"
 
 
+def whole(count: int) -> str:
+    """A count, as ``7 980``."""
+    return f"{count:,}".replace(",", " ")
+
+
 def counted(count: int, noun: str, plural: str = "") -> str:
     """A count with its noun in the number that agrees, as ``1 cell`` or ``2 cells``."""
-    digits = f"{count:,}".replace(",", " ")
-    return f"{digits} {noun if count == 1 else plural or f'{noun}s'}"
+    return f"{whole(count)} {noun if count == 1 else plural or f'{noun}s'}"
 
 
 def duration(seconds: float) -> str:

@@ -46,6 +46,9 @@ class Family:
     # whether the last entry is a number along which it is measured: an instant, a
     # noise level, an averaging length
     along: bool = False
+    # whether it is of one draw of the noise and says nothing of its spread: another
+    # seed is another value
+    one_draw: bool = False
 
     def __hash__(self) -> int:
         return hash(self.name)  # of a dozen fields it alone tells two apart
@@ -137,10 +140,14 @@ COUNT_OFF = _size(
 MEAN_OFF = _size("mean_off", "mean of a rest less the known one")
 NOISE_OF_MEAN = _size("noise_of_mean", "noise of a pose mean", unit="m/s²")
 SCALE_BIAS = _offset("scale_bias", "mean relative bias of the scales", unit="σ²/g²")
-STEPS = _size("steps", "steps of the solver")
-APART = _size("apart", "distance from the first solver's answer")
-STEP_LEAVES = _size("step_leaves", "share of the distance that a step leaves")
-STEP_OFF = _size("step_off", "that share less 1 - α")
+STEPS = _size("steps", "steps of the solver", one_draw=True)
+APART = _size("apart", "distance from the first solver's answer", one_draw=True)
+STEP_LEAVES = _size(
+    "step_leaves", "share of the distance that a step leaves", one_draw=True
+)
+STEP_OFF = _size(
+    "step_off", "share that a step leaves, less the predicted 1 - α", one_draw=True
+)
 BUDGET = _size("budget", "contribution to the attitude error", unit="rad")
 
 NORM = _size("norm", "|q̄|", better=None)
@@ -217,6 +224,7 @@ SETTLING_TRIALS = _share(
     "settling_trials", "share of trials that settle", better="more"
 )
 SETTLING = _size("settling", "time to settle", unit="s")
+NOISE_FACTOR = _size("noise_factor", "factor of the noise that is told", better=None)
 RMS_AT = _size("rms_at", "RMS error at an instant", unit="rad", along=True)
 RMS_OVER_BOUND_AT = _size(
     "rms_over_bound_at", "RMS error over the bound at an instant", along=True

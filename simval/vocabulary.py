@@ -66,6 +66,7 @@ STUDIES: Final = (
     "estimator",
     "calibrator",
     "filter",
+    "told",
     "custom_scene",
 )
 """Studies, in the order of the page."""

@@ -1,13 +1,12 @@
 """An account: each face has its answers, numbers and warnings, at any width."""
 
-import json
 import re
 from dataclasses import replace
-from html import unescape
 from types import SimpleNamespace as Made
 
 import numpy as np
 import pytest
+from faces import bare, check_faces, shown
 from hypothesis import example, given
 from hypothesis import strategies as st
 from made_logs import of_scene
@@ -19,19 +18,23 @@ from simval.account import (
     Line,
     Note,
     Quantity,
+    Remark,
     Reply,
     Values,
     in_thousands,
 )
-from simval.account.html import fragment
-from simval.account.markdown import safe, text
 from simval.account.terminal import MARKS, lines
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.description import with_log
-from simval.imu.multiposition.log_units import units_of
+from simval.imu.multiposition.log_units import Scale, units_of
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.multiposition.noise_description import noise_account
+from simval.imu.recorded.description import FilteredLog
+from simval.imu.recorded.errors import NormalisedSquare, Rms, judged_once
+from simval.imu.recorded.filter_account import filters_account
+from simval.imu.recorded.settings import Signals, TurnedRest, start_of
+from simval.imu.recorded.world import World
 from simval.poses import GEOMETRY_LIMIT, fibonacci_sphere, named_poses
 from simval.spelling import in_ascii
 from simval.theory.plans import plan, plan_account, plan_gyroscope
@@ -48,6 +51,7 @@ QUANTITIES = st.builds(Quantity, st.sampled_from(["K_x", "T[1][0]"]), NUMBERS, E
 LINES = st.builds(
     Line, st.sampled_from(["scale K", "bias B"]), st.sampled_from(["", "m/s²"]),
     st.lists(QUANTITIES, min_size=1, max_size=3), st.booleans(),
+    notable=st.booleans(),
 )  # fmt: skip
 VALUES = st.builds(Values, title=st.just("sensor"), how=WORDS,
                    lines=st.lists(LINES, max_size=3), facts=FACTS)  # fmt: skip
@@ -60,42 +64,6 @@ ACCOUNTS = st.builds(
     replies=st.lists(REPLIES, max_size=3), values=st.lists(VALUES, max_size=2),
     notes=st.lists(st.builds(Note, words=WORDS), max_size=1), facts=FACTS,
 )  # fmt: skip
-
-
-def bare(words):
-    """The words of a text, one blank between them."""
-    return " ".join(words.split())
-
-
-def shown(account):
-    """What each face shows at once, and how it spells what it is given."""
-    short = {w: bare("\n".join(lines(account, width=w))) for w in (60, 100)}
-    html, markdown = fragment(account), text(account)
-    return [
-        *((found, bare) for found in short.values()),
-        (bare(unescape(re.sub("<details>.*?</details>|<[^>]*>", " ", html))), bare),
-        (bare(markdown.partition("<details>")[0]), safe),
-    ]
-
-
-def must_be_seen(account):
-    """What no face may leave out: verdicts, reasons, what to do, and warnings."""
-    for reply in account.replies:
-        yield from (reply.title, reply.headline, reply.do)
-    yield from (each.words for each in account.warnings)
-
-
-def check_faces(account):
-    for face, spelled in shown(account):
-        for words in must_be_seen(account):
-            assert spelled(words) in face, words
-        for values in account.values:
-            for line in values.lines:
-                for number in line.spelled:
-                    assert spelled(number) in face
-    whole = json.dumps(account.as_object())
-    for words in must_be_seen(account):
-        assert json.dumps(words)[1:-1] in whole
 
 
 # blanks at which no line ends, in more words than a line has
@@ -267,14 +235,18 @@ def changes(found):
         (dict(outliers=(3,)), "Look at rest 3"),
     ):
         yield dict(diagnosis=replace(found.diagnosis, **change)), words
-    noise = replace(found.pose_noise, source="white", words="white noise alone: why")
-    yield dict(pose_noise=noise), "white noise alone: why"
+    noise = replace(found.pose_noise, words="white noise alone: why", do="Rest longer.")
+    yield dict(pose_noise=noise), "white noise alone: why. Rest longer."
     for name in ("cuts", "steps"):
         yield {name: ("rest 1 ...", "rest 2 ...")}, "2 rests"
     fit = replace(found.accelerometer, status="max iterations")
     yield dict(accelerometer=fit), "max iterations"
-    compass = replace(found.magnetometer, findings=("the field is disturbed: by iron",))
-    yield dict(magnetometer=compass), "the field is disturbed: by iron"
+    iron = Remark("disturbed", "the field is disturbed", "Remove the iron.")
+    compass = replace(found.magnetometer, findings=(iron,))
+    yield dict(magnetometer=compass), "the field is disturbed. Remove the iron."
+    # what an answer says is not said a second time
+    out = replace(found.magnetometer, disturbed=(3,), findings=(Remark("poses", "3"),))
+    yield dict(magnetometer=out), "the field is another in rest 3"
     why = ("the three sensors are not fitted together",)
     alone = dict(together=None, taken=found.taken._replace(reasons=why))
     yield alone, "not fitted together"
@@ -288,7 +260,9 @@ def test_each_warning_is_in_the_short_view_of_every_face(whole):
         for face, spelled in shown(account):
             assert spelled(words) in face, words
     # what was read of the log: mended, left out, columns by their place
-    read = replace(log, source=(("mended", "row 7"),), unclear=("a compass: no names",))
+    read = replace(
+        log, source=(("mended", "row 7"),), unclear=(Remark("", "a compass: no names"),)
+    )
     account = with_log(found.account, read)
     for face, spelled in shown(account):
         for words in ("row 7", "a compass: no names"):
@@ -305,3 +279,189 @@ def test_the_noise_of_a_log_says_what_it_does_not_show(whole):
     check_faces(account)
     for words in ("its readings stand still", "several times longer", "<"):
         assert words in bare("\n".join(lines(account)))
+
+
+# filters over a log
+
+
+def square(verdict, mean, expected=3.0):
+    few = verdict == "not judged"
+    return NormalisedSquare(
+        mean=mean, expected=expected, low=mean / 2, high=2 * mean,
+        blocks=0 if few else 24, verdict=verdict,
+    )  # fmt: skip
+
+
+WORLD = World(
+    matrix=np.eye(3), tilt_sd=1e-3, tilt_dof=8, heading_sd=0.01, heading_dof=23,
+    deviation=0.05, rests=5, name="NWU", off=np.zeros(3), taken="stated",
+)  # fmt: skip
+
+
+def evaluation(name, nees=None, *, rms=0.01, truth=True, nis=None, rows=None, **more):
+    """A filter with such verdicts, with truth or without."""
+    world, motion = more.pop("world", WORLD), more.pop("motion", 0.0)
+    of = {x: Rms(value=rms, sd=rms / 10, rows=100)
+          for x in ("total", "heading", "inclination")}  # fmt: skip
+    # errors that are as large all along, but for a sway by which blocks of time differ
+    total = rms * (1.0 + 0.01 * np.sin(np.arange(100.0)))
+    known = Made(
+        rms=dict.fromkeys(("all", "rest", "moving"), of), nees=nees, world=world,
+        errors=Made(time=np.arange(100.0), total=total),
+        **dict(free=False, drift=None, bound=None, turned=(rms, rms), settled=1.0)
+        | more,
+    )  # fmt: skip
+    return Made(
+        run=Made(name=name, motion=motion, how="declared: attitude in NWU"),
+        truth=known if truth else None, nis=nis, rows=rows, white=None, published=(),
+        at_rest=Made(drift=1e-4, inclination=1e-3, rests=3, settled=2),
+        microseconds=2.0,
+    )  # fmt: skip
+
+
+JUDGED = [
+    (square("consistent", 3.0), "pass", "Yes: mine is as wrong as it states", ""),
+    (square("overconfident", 75.0), "fail", "mine is 5 times as wrong", "more noise"),
+    (square("underconfident", 0.03), "fail", "states 10 times its error", "less noise"),
+    (square("not judged", 3.0), "inconclusive", "too few rows", "Record for longer"),
+    (
+        replace(square("not judged", 3.0), blocks=6),
+        "inconclusive",
+        "north is too",
+        "--truth-world",
+    ),
+    (None, "inconclusive", "mine states no covariance", ""),
+]
+
+
+@pytest.mark.usefixtures("unchecked")  # made of what the account reads, and no more
+@pytest.mark.parametrize(("nees", "answer", "said", "do"), JUDGED)
+def test_no_filter_is_trusted_that_is_wrong(nees, answer, said, do):
+    account = filters_account([evaluation("mine", nees)])
+    check_faces(account)
+    wrong, trusted = account.replies
+    assert wrong.headline.startswith("0.573 ± 0.057° RMS")  # 0.01 rad
+    assert trusted.answer == answer
+    assert said in trusted.headline
+    assert do in trusted.do
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("drift", "answer", "said"),
+    [(20.0, "fail", "the heading of six drifts 4.5 times as far as it states"),
+     (1.0, "pass", "six is as wrong"), (np.nan, "pass", "six is as wrong")],
+)  # fmt: skip
+def test_a_drift_that_is_wrong_is_said(drift, answer, said):
+    """Without a magnetometer inclination may be as stated where heading is not."""
+    drifts = judged_once(np.full(100, drift))
+    six = evaluation("six", square("consistent", 2.0, 2.0), free=True, drift=drifts)
+    account = filters_account([six])
+    check_faces(account)
+    assert account.replies[1].answer == answer
+    assert said in account.replies[1].headline
+    assert "nan" not in str(lines(account, verbose=True))
+
+
+def filters_said():
+    """Filters, and what must be seen of them."""
+    good = evaluation("mine", square("consistent", 3.0))
+    yield filters_account([], {"other": "it returned NaN"}), "it returned NaN"
+    yield filters_account([good], {"other": "it returned NaN"}), "not measured"
+    blind = evaluation("mine", truth=False, nis=square("consistent", 6.0, 6.0))
+    for found, words in (
+        (good, "mine is as wrong"),
+        (evaluation("mine", settled=np.nan), "does not settle within the log"),
+        (evaluation("mine", square("overconfident", 9.0), motion=0.5), "noise 0.5"),
+        (blind, "this is a self-check only"),
+        (evaluation("mine", truth=False), "mine states no covariance"),
+        (evaluation("mine", truth=False, nis=square("overconfident", 54.0, 6.0)),
+         "the innovations of mine are 3 times as large as it states"),
+    ):  # fmt: skip
+        yield filters_account([found]), words
+    for nis, do in (("consistent", "so more noise is no cure"),
+                    ("overconfident", "Give mine more noise")):  # fmt: skip
+        each = evaluation("mine", square("overconfident", 9.0), nis=square(nis, 6.0))
+        yield filters_account([each]), do
+    clash = replace(square("not judged: rows", 3.0), blocks=24)
+    rows = Made(remedy=Made(options=("--gyro-rows", "instant")))
+    yield filters_account([evaluation("mine", clash, rows=rows)]), "--gyro-rows instant"
+    yield filters_account([blind], quaternions=("opt_q",)), "add --truth opt_q"
+    few = evaluation("late", square("not judged", 3.0), rms=np.nan)
+    yield filters_account([few]), "Cannot tell: too few rows have truth"
+    yield filters_account([good, few]), "too few rows have truth to judge late"
+    # by another north they change places, or cannot be ranked
+    world = replace(WORLD, off=np.array([0.0, 0.0, 0.1]))
+    sizes = {"one": (0.01, 0.05), "two": (0.02, 0.01)}
+    pair = [evaluation(name, rms=turned[0], world=world, turned=turned)
+            for name, turned in sizes.items()]  # fmt: skip
+    yield filters_account(pair), "one and two change places"
+    for each in pair:
+        each.truth.world = replace(WORLD, taken="estimated")
+    yield filters_account(pair), "Cannot rank one and two"
+    yield filters_account(pair), "a filter that follows it looks better"
+    known = dict(rms=0.01, world=replace(WORLD, taken="estimated"))
+    tied = [evaluation("one", turned=(0.01, 0.01), **known),
+            evaluation("two", turned=(0.02, 0.02), **known)]  # fmt: skip
+    yield filters_account(tied), "Cannot rank one and two"
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_is_wrong_with_filters_is_in_the_short_view_of_every_face():
+    for account, words in filters_said():
+        check_faces(account)
+        for face, spelled in shown(account):
+            assert spelled(words) in face, words
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_filters_are_ranked_with_ties_and_a_comparison_is_short():
+    good = square("consistent", 3.0)
+    sizes = {"best": 0.01, "tied": 0.01, "last": 0.02}
+    three = [evaluation(name, good, rms=size) for name, size in sizes.items()]
+    account = filters_account(three)
+    assert len(lines(account)) <= 35 - 9  # warnings and a second table are to come
+    (wrong, trusted) = account.replies
+    assert "Least: best and tied, no difference beyond chance" in wrong.headline
+    assert "Most: last" in wrong.headline
+    assert trusted.headline.count("is as wrong as it states") == 3
+
+
+def a_log(**changes):
+    """Ten seconds at rest, and what was found wrong with them."""
+    rng, time = np.random.default_rng(1), np.arange(0.0, 10.0, 0.02)
+    noise = rng.standard_normal((2, 500, 3))
+    rows = dict(gyro=1e-3 * noise[0], force=0.02 * noise[1] + [0.0, 0.0, 9.8])
+    return Signals(
+        **dict(time=time, field=None, rate=50.0, rests=np.array([[0, 400]]),
+               gyro_unit="rad/s", force_unit="m/s^2", field_unit="") | rows | changes
+    )  # fmt: skip
+
+
+def test_what_is_wrong_with_a_filtered_log_is_in_the_short_view_of_every_face():
+    cut = TurnedRest(start=1.0, stop=4.0, kept=((1.0, 2.0),), turns=0.2)
+    scale = Scale(1.0, "rad/s", said=("the header says rad/s, but it is deg/s",))
+    jolt = np.tile([0.0, 0.0, 9.8], (500, 1)) * np.linspace(1.0, 1.2, 500)[:, None]
+    for changes, words in (
+        (dict(cuts=(cut, cut)), "2 rests cut or left out: the gyroscope turns"),
+        (dict(scales=(scale,)), "but it is deg/s"),
+        (dict(force=jolt), "an axis while moving; the noise used is"),
+    ):
+        found = a_log(**changes)
+        whole = FilteredLog(found=found, start=start_of(found), done=(), failed={})
+        check_faces(whole.account)
+        for face, spelled in shown(whole.account):
+            assert spelled(words) in face, words
+
+
+def test_up_that_is_off_by_more_than_chance_is_seen():
+    """F of 2 and 8 degrees: 1 % at 8.649, so 4.159 times the deviation of an axis."""
+
+    def upright(x, y, dof=8):
+        return replace(WORLD, off=np.array([x, y, 0.5]), tilt_dof=dof).upright
+
+    assert upright(0.0, 0.0)
+    assert upright(4.15e-3, 0.0)
+    assert not upright(0.0, 4.17e-3)
+    assert not upright(3e-3, 3e-3)
+    assert upright(1.0, 0.0, dof=0)  # one rest does not show it

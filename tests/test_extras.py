@@ -11,6 +11,10 @@ from places import ROOT
 
 from simval import extras
 from simval.errors import InputError
+from simval.imu.calibrate import calibrate
+from simval.poses import fibonacci_sphere
+from simval.report import png
+from simval.report.notebook import plot_fit
 from simval.scene import captions, pictures
 from simval.sweep.run import data_frame, export_parquet
 
@@ -21,6 +25,9 @@ EXTRAS = {
     for path in (ROOT / "simval").rglob("*.py")
     for extra in re.findall(r"refuse_without\(\s*\"(\w+)\", \"", path.read_text())
 }
+
+
+ONE = calibrate(9.8 * fibonacci_sphere(12) + 0.1, 9.8)
 
 
 def test_each_extra_that_is_asked_for_can_be_installed():
@@ -36,6 +43,8 @@ def test_each_extra_that_is_asked_for_can_be_installed():
     [
         (lambda: data_frame([]), "pandas", "a data frame"),
         (lambda: export_parquet(Path("run"), Path("file")), "pyarrow", "Parquet"),
+        (lambda: png(None), "matplotlib.figure", r"writing \.png"),
+        (lambda: plot_fit(ONE), "matplotlib", "drawing in a notebook"),
         (captions.pillow, "PIL", "writing pictures"),
         (lambda: pictures.require_encoder(".mp4"), "imageio", r"writing \.mp4"),
     ],

@@ -7,9 +7,10 @@ JSON. A fact that a reader must know before the numbers are used is `notable`: i
 stands in the shortest face, too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import floor, isfinite, log10, nan
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from simval.spelling import bounded, measured
@@ -30,6 +31,22 @@ class Fact(NamedTuple):
     label: str
     words: str
     notable: bool = False
+
+
+class Remark(NamedTuple):
+    """A judgement of data: what was seen, its kind and numbers, and what to do."""
+
+    kind: str
+    words: str
+    do: str = ""  # a sentence; empty where nothing is to be done
+    numbers: Mapping[str, Any] = MappingProxyType({})
+
+    def __str__(self) -> str:
+        return f"{self.words}. {self.do}" if self.do else self.words
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return self._asdict() | {"numbers": dict(self.numbers)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +87,7 @@ class Quantity:
     high: float = nan
     least: float | None = None  # the least standard deviation that is possible
     missing: str = "-"  # where there is neither value nor limit
+    answer: Answer | None = None  # of what judges it, which a face shows as a mark
 
     def spelled(self, *, fixed: bool = True) -> str:
         """The number for a person, with a power of ten only if it is not `fixed`."""
@@ -79,13 +97,19 @@ class Quantity:
             return bounded(self.low, self.high)
         return self.missing
 
+    @property
+    def bounded(self) -> bool:
+        """True if it has an interval, a limit or a least standard deviation."""
+        return isfinite(self.low) or isfinite(self.high) or self.least is not None
+
     def times(self, factor: float) -> "Quantity":
         """The same in a smaller unit."""
         value, sd, least = (
             None if x is None else factor * x for x in (self.value, self.sd, self.least)
         )
         ends = factor * self.low, factor * self.high
-        return Quantity(self.name, value, sd, *ends, least, self.missing)
+        rest = self.missing, self.answer
+        return Quantity(self.name, value, sd, *ends, least, *rest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,17 +122,24 @@ class Line:
     named: bool = False  # whether each cell shows its name, where no heading does
     factor: float = 1.0  # times a cell in the unit
     fixed: bool = True  # whether all have the unit's power of ten, and none its own
+    notable: bool = True  # whether short views have it, too
 
     @property
     def head(self) -> str:
         """Label and unit."""
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
-    @property
-    def shown(self) -> list[str]:
-        """Its cells for a person."""
+    def shown(self, marks: Mapping[Answer, str]) -> list[str]:
+        """Its cells for a person, with the marks of a face."""
         return [
             f"{each.name} {words}" if self.named else words
+            for each, words in zip(self.cells, self.marked(marks), strict=True)
+        ]
+
+    def marked(self, marks: Mapping[Answer, str]) -> list[str]:
+        """Its numbers, each with the mark of what judges it."""
+        return [
+            words if each.answer is None else f"{words} {marks[each.answer]}"
             for each, words in zip(self.cells, self.spelled, strict=True)
         ]
 
@@ -147,6 +178,11 @@ class Values:
     lines: Sequence[Line] = ()
     heads: Sequence[str] = ("x", "y", "z")
     facts: Sequence[Fact] = ()  # how they were found, and what is wrong with them
+
+    @property
+    def folded(self) -> bool:
+        """True if they are shown on request only."""
+        return bool(self.lines) and not any(each.notable for each in self.lines)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

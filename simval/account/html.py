@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from simval.account import Account, Fact
+from simval.account import Account, Fact, Line, Values
 from simval.account.terminal import MARKS
 
 COLOURS = {"pass": "#118844", "inconclusive": "#8a6500", "fail": "#cc0022"}
@@ -18,19 +18,18 @@ def fragment(account: Account) -> str:
         words = escape(f"{reply.headline} {reply.do}".strip())
         parts.append(f"<p>{mark} <b>{escape(reply.title)}</b> {words}</p>")
     for values in account.values:
-        rows = [("td", [line.head, *line.shown]) for line in values.lines]
-        if any(len(line.cells) > 1 for line in values.lines):
-            rows.insert(0, ("th", ["", *values.heads]))
-        caption = escape(f"{values.title} {values.how}".strip())
-        body = "".join(_row(*row) for row in rows)
-        parts.append(f"<table><caption>{caption}</caption>{body}</table>")
+        seen = [each for each in values.lines if each.notable]
+        parts += [] if values.folded else [_table(values, seen)]
         parts += _warnings(values.facts)
     rests = [each for reply in account.replies for each in reply.lines]
     rests += [f"{label}: {words}" for label, words, _ in account.facts]
-    if rests:
+    hidden = [(values, [each for each in values.lines if not each.notable])
+              for values in account.values]  # fmt: skip
+    more = "".join(_table(*each) for each in hidden if each[1])
+    if rests or more:
         items = "".join(f"<li>{escape(each)}</li>" for each in rests)
         fold = "<details><summary>What this rests on</summary>"
-        parts.append(f"{fold}<ul>{items}</ul></details>")
+        parts.append(f"{fold}<ul>{items}</ul>{more}</details>")
     return "".join(parts)
 
 
@@ -40,6 +39,15 @@ def _warnings(facts: Iterable[Fact]) -> list[str]:
         for label, words, notable in facts
         if notable
     ]
+
+
+def _table(values: Values, lines: Sequence[Line]) -> str:
+    rows = [("td", [line.head, *line.shown(MARKS)]) for line in lines]
+    if any(len(line.cells) > 1 for line in lines):
+        rows.insert(0, ("th", ["", *values.heads]))
+    caption = escape(f"{values.title} {values.how}".strip())
+    body = "".join(_row(*row) for row in rows)
+    return f"<table><caption>{caption}</caption>{body}</table>"
 
 
 def _row(tag: str, cells: Sequence[str]) -> str:

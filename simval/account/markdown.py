@@ -1,10 +1,10 @@
 """An account in Markdown, for the summary of a job and for a pull request."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from simval.account import Account, Fact
+from simval.account import Account, Answer, Fact, Line, Values
 
-MARKS = {"pass": "✅", "inconclusive": "❔", "fail": "❌"}
+MARKS: Mapping[Answer, str] = {"pass": "✅", "inconclusive": "❔", "fail": "❌"}
 
 
 def text(account: Account) -> str:
@@ -16,20 +16,20 @@ def text(account: Account) -> str:
         words = f"{reply.headline} {reply.do}".strip()
         found.append(f"- {MARKS[reply.answer]} **{safe(reply.title)}** {safe(words)}")
     for values in account.values:
-        how = f"`{values.how}`" if values.how else ""
-        found += ["", f"**{safe(values.title)}** {how}".rstrip(), ""]
-        if values.lines:
-            heads = "", *values.heads
-            found += [_row(heads), _row(["---"] * len(heads))]
-        for line in values.lines:
-            cells = [safe(line.head), *map(safe, line.shown)]
-            found.append(_row(cells + [""] * (len(heads) - len(cells))))
+        if not values.folded:
+            how = f"`{values.how}`" if values.how else ""
+            found += ["", f"**{safe(values.title)}** {how}".rstrip(), ""]
+            found += _table(values, [each for each in values.lines if each.notable])
         found += ["", *_warnings(values.facts)]
     rests = [each for reply in account.replies for each in reply.lines]
     rests += [f"{label}: {words}" for label, words, _ in account.facts]
-    if rests:
+    tables = [_table(values, [each for each in values.lines if not each.notable])
+              for values in account.values]  # fmt: skip
+    if rests or any(tables):
         found += ["", "<details><summary>What this rests on</summary>", ""]
-        found += [*(f"- {safe(each)}" for each in rests), "", "</details>"]
+        found += [*(f"- {safe(each)}" for each in rests), ""]
+        found += [line for table in tables if table for line in (*table, "")]
+        found += ["</details>"]
     return "\n".join(found) + "\n"
 
 
@@ -40,6 +40,15 @@ def _warnings(facts: Iterable[Fact]) -> list[str]:
         for line in (f"**{safe(label)}:** {safe(words)}", "")
         if notable
     ]
+
+
+def _table(values: Values, lines: Sequence[Line]) -> list[str]:
+    if not lines:
+        return []
+    heads = "", *map(safe, values.heads)
+    rows = [[safe(line.head), *map(safe, line.shown(MARKS))] for line in lines]
+    rows = [row + [""] * (len(heads) - len(row)) for row in rows]
+    return [_row(heads), _row(["---"] * len(heads)), *map(_row, rows)]
 
 
 def _row(cells: Sequence[str]) -> str:

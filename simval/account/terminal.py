@@ -2,16 +2,16 @@
 
 import re
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from simval.account import Account, Fact, Line, Note, Quantity, Reply, Values
+from simval.account import Account, Answer, Fact, Line, Note, Quantity, Reply, Values
 from simval.text import columns, number, printable
 
 WIDTH = 100
 """Columns that lines take at most."""
 LABEL = 18
 """Columns of the label of a fact."""
-MARKS = {"pass": "✓", "inconclusive": "?", "fail": "!"}
+MARKS: Mapping[Answer, str] = {"pass": "✓", "inconclusive": "?", "fail": "!"}
 Style = Callable[[str, str], str]  # words, and what they are
 _TOGETHER = re.compile(r" (?=[±%°<>=]|\d{3}\b)|(?<=[±<>=]) ")
 """Blanks at which no line ends: in ``a ± b``, ``7 980``, ``p = 0.5`` and ``5 %``."""
@@ -59,7 +59,10 @@ def lines(
     for reply in account.replies:
         found += ["", *_reply(reply, width, style, verbose=verbose)]
     for values in account.values:
-        found += ["", *_values(values, width, style, spell, verbose=verbose)]
+        if verbose or not values.folded:
+            found += ["", *_values(values, width, style, spell, verbose=verbose)]
+        else:
+            found += _facts([each for each in values.facts if each.notable], width)
     for note in account.notes if verbose else ():
         found += ["", *_note(note, width)]
     if verbose and account.facts:
@@ -103,30 +106,53 @@ def _values(
     first, *more = folded(f"{title}  {values.how}".rstrip(), width, 2, " ")
     yield style(title, "title") + first[1 + len(title) :]
     yield from more
-    named = [line for line in values.lines if line.named]
-    others = [line for line in values.lines if not line.named]
-    found = _grid(named, spell) + _grid(others, spell, values.heads)
+    seen = [line for line in values.lines if verbose or line.notable]
+    named = [line for line in seen if line.named]
+    others = [line for line in seen if not line.named]
+    found = _grid(named, width, spell) + _grid(others, width, spell, values.heads)
     if max(map(len, found), default=0) > width:  # a row for each number
         found = columns(
-            [(x.name, spell(words), spell(line.unit)) for line in values.lines
-             for x, words in zip(line.cells, line.spelled, strict=True)], -1, 2, -1,
+            [(x.name, spell(words), spell(line.unit)) for line in seen
+             for x, words in zip(line.cells, line.marked(MARKS), strict=True)],
+            -1, 2, -1,
         )  # fmt: skip
     yield from found
-    if verbose and values.lines:
+    cells = [each for line in values.lines for each in line.cells if each.bounded]
+    if verbose and cells and not values.folded:
         yield ""
-        yield from _long([each for line in values.lines for each in line.cells])
+        yield from _long(cells)
     facts = [each for each in values.facts if verbose or each.notable]
     yield from _facts(facts, width, "  ")
 
 
 def _grid(
-    lines: Sequence[Line], spell: Callable[[str], str], heads: Sequence[str] = ()
+    lines: Sequence[Line],
+    width: int,
+    spell: Callable[[str], str],
+    heads: Sequence[str] = (),
 ) -> list[str]:
-    rows = [tuple(map(spell, (line.head, *line.shown))) for line in lines]
+    judged = any(each.answer for line in lines for each in line.cells)
+    rows = [
+        (spell(line.head), *(
+            spell(words) + "  " * (judged and each.answer is None)
+            for words, each in zip(line.shown(MARKS), line.cells, strict=True)
+        ))
+        for line in lines
+    ]  # fmt: skip
     most = max(map(len, rows), default=0)
     if most > 2 and heads:
         rows.insert(0, ("", *map(spell, heads)))
-    return columns(rows, -1, *[2] * (most - 1))
+    numbers = columns([row[1:] for row in rows], *[2] * (most - 1))
+    room = max(LABEL, width - max(map(len, numbers), default=0))
+    found = []
+    for (label, *_), cells in zip(rows, numbers, strict=True):
+        *above, last = folded(label, room, 2) or [""]
+        found += [*above, (last, cells)]
+    wide = max((len(each[0]) for each in found if not isinstance(each, str)), default=0)
+    return [
+        each if isinstance(each, str) else f"{each[0]:<{wide}}{each[1]}".rstrip()
+        for each in found
+    ]
 
 
 def _long(cells: Sequence[Quantity]) -> list[str]:

@@ -1,13 +1,14 @@
-"""Why a filter is wrong, told from the rows of its cells.
+"""Why a filter is wrong, by the rows of its cells.
 
 A cause is named only where one form of error (`simval.studies.filter_errors`) or one
-reading stands out, with the number that it is told from.
+reading stands out, with the number that shows it.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 
 from simval.arrays import Array
 from simval.results import Row
@@ -16,6 +17,7 @@ from simval.statistics import (
     CONSTANT,
     NEES,
     NEES_AT,
+    NIS,
     PART_OF_INNOVATION,
     PART_OVER_STATED,
     RMS_OVER_BOUND,
@@ -40,28 +42,43 @@ FACTOR: Final = 1.15
 AT_BOUND: Final = 1.1
 """Of an RMS error over the bound, below which there is nothing to gain."""
 
+FAR_INSTANT: Final = 0.05
+"""Chance with which one of all instants of a right covariance is called wrong."""
+
 FAR: Final = 3.0
 """By which the worst of readings that are all off stands out."""
 
 _FORMS: Final = {
-    "heading": "its heading is off by {0}: another north, as by a declination; is it "
-    "that of the `field` that a filter reads?",
-    "tilt": "its vertical is off by {0}: gravity or the dip of the field are not those "
-    "that a filter reads",
-    "mounting": "its answers are turned by {0} about an axis of the body: a mounting, "
-    "or one sensor's axes against another's",
+    "heading": (
+        "its heading is off by {0}",
+        "Its north is another, as by a declination: is it that of the `field` that a "
+        "filter reads?",
+    ),
+    "tilt": (
+        "its vertical is off by {0}",
+        "Its gravity, or the dip of its field, is not what a filter reads.",
+    ),
+    "mounting": (
+        "its answers are turned by {0} about an axis of the body",
+        "Look for a mounting, or for one sensor's axes against another's.",
+    ),
 }
+"""Forms of an error that is the same in every trial, and where to look."""
 
 Rows = dict[str, Row]
 
 
-def why(cells: Sequence[CellResult]) -> list[str]:
-    """Sentences on why a filter fails, in its worst cell."""
-    done = [
-        {str(row.statistic): row for row in cell.rows}
-        for cell in cells
-        if cell.status == "done"
-    ]
+class Cause(NamedTuple):
+    """Why a filter is wrong."""
+
+    reason: str  # with the number that shows it
+    look: str = ""  # where to look, in a sentence
+    rests: str = ""  # what it rests on, in a sentence
+
+
+def why(cells: Sequence[CellResult]) -> list[Cause]:
+    """Causes of a filter's failure, in its worst cell."""
+    done = _done(cells)
     shares = [_value(rows, SYSTEMATIC()) for rows in done]
     if not shares:
         return []
@@ -69,6 +86,38 @@ def why(cells: Sequence[CellResult]) -> list[str]:
     if shares[worst] >= MUCH:
         return [_same(done[worst], cells[worst], min(shares))]
     return list(_random(max(done, key=_off)))
+
+
+def sound(cells: Sequence[CellResult]) -> list[str]:
+    """What is not wrong with a filter that fails, in no cell; one sentence at most."""
+    done = _done(cells)
+    over = [rows[str(RMS_OVER_BOUND())] for rows in done
+            if str(RMS_OVER_BOUND()) in rows]  # fmt: skip
+    seen = [rows[str(NIS())] for rows in done if str(NIS()) in rows]
+    right = []
+    if over and all(row.value < AT_BOUND for row in over):
+        worst = max(over, key=lambda row: row.value)
+        right.append(
+            f"its error ({measured(worst.value, worst.standard_error)} times the bound)"
+        )
+    if seen and all(
+        abs(row.value - (row.prediction or 0.0)) < CLEAR * row.standard_error
+        for row in seen
+    ):
+        row = max(seen, key=lambda row: abs(row.value - (row.prediction or 0.0)))
+        right.append(
+            f"its squared innovations ({measured(row.value, row.standard_error)} of "
+            f"{row.prediction:g})"
+        )
+    return [f"not wrong: {' and '.join(right)}"] if right else []
+
+
+def _done(cells: Sequence[CellResult]) -> list[Rows]:
+    return [
+        {str(row.statistic): row for row in cell.rows}
+        for cell in cells
+        if cell.status == "done"
+    ]
 
 
 def _value(rows: Rows, statistic: object) -> float:
@@ -81,18 +130,18 @@ def _off(rows: Rows) -> float:
     return 0.0 if row is None else abs(np.log(max(row.value, 1e-9) / 3.0))
 
 
-def _same(rows: Rows, cell: CellResult, least: float) -> str:
+def _same(rows: Rows, cell: CellResult, least: float) -> Cause:
     """Error that all trials share."""
     share = _value(rows, SYSTEMATIC())
-    first = f"{100.0 * share:.0f} % of its squared error is the same in every trial: "
+    first = f"{100.0 * share:.0f} % of its squared error is the same in every trial"
     forms = {name: _value(rows, SYSTEMATIC(name)) for name in (*_FORMS, "delay")}
     best = max(forms, key=lambda name: forms[name])
     if forms[best] < MOST * share:
-        return (
-            f"{first}it is of the motion and not of the noise"
-            + ("" if least >= MUCH else ", and small where the motion is slow")
-            + ": coning (left out, or twice), a scale of the gyroscope, a rate or a "
-            "time step of another row"
+        slow = "" if least >= MUCH else ", and small where the motion is slow"
+        return Cause(
+            f"{first}; it is of the motion and not of the noise{slow}",
+            "Look for coning (left out, or twice), a scale of the gyroscope, a rate or "
+            "a time step of another row.",
         )
     found = next(
         row for text, row in rows.items() if text.startswith(f"{CONSTANT.name}[{best}")
@@ -100,18 +149,17 @@ def _same(rows: Rows, cell: CellResult, least: float) -> str:
     if best == "delay":
         rate = float(str(cell.parameters["rate"]))
         side = "late" if found.value > 0.0 else "early"
-        return (
-            f"{first}its answers are {side} by {abs(found.value):.3g} s, "
-            f"{abs(found.value) * rate:.2g} rows; an answer is the attitude at the end "
-            "of its row"
+        return Cause(
+            f"{first}; its answers are {side} by {abs(found.value):.3g} s, "
+            f"{abs(found.value) * rate:.2g} rows",
+            "An answer is the attitude at the end of its row.",
         )
-    error = np.degrees(found.standard_error)
-    return first + _FORMS[best].format(
-        f"{measured(np.degrees(found.value), error)} degrees"
-    )
+    value, error = np.degrees([found.value, found.standard_error])
+    said, look = _FORMS[best]
+    return Cause(f"{first}; {said.format(f'{measured(value, error)}°')}", look)
 
 
-def _random(rows: Rows) -> Iterator[str]:
+def _random(rows: Rows) -> Iterator[Cause]:
     """Scatter between trials: its size, the stated one, and each reading's part."""
     nees = rows.get(str(NEES()))
     if nees is None:
@@ -121,101 +169,129 @@ def _random(rows: Rows) -> Iterator[str]:
         for name in ("heading", "inclination")
         for over in [STATED_OVER_BOUND(name)]
     }
-    said = ", ".join(
-        f"{name} {np.sqrt(square):.3g} times what it states, which is "
-        f"{stated:.3g} times the bound"
-        for name, (square, stated) in parts.items()
-    )
-    bound = _value(rows, RMS_OVER_BOUND())
     over = nees.value > 3.0
     clear = abs(nees.value - 3.0) > CLEAR * nees.standard_error
-    if clear:
-        side = "overconfident" if over else "underconfident"
-        yield (
-            f"{side}: its errors are {'greater' if over else 'smaller'} than its "
-            f"covariance says, RMS of {said}"
-        )
-    early = _early(rows) if clear else ""
     readings = list(_readings(rows))
-    if early:
-        yield early
+    early = _early(rows) if clear else []
+    if clear:
+        side = "over" if over else "under"
+        said = ", ".join(
+            f"{name} {np.sqrt(square):.3g} times what it states, which is "
+            f"{stated:.3g} times the bound"
+            for name, (square, stated) in parts.items()
+        )
+        alone = not readings and not early
+        own = _without_reading(rows, over, parts) if alone else Cause("")
+        grown = f"; {own.reason}" if own.reason else ""
+        yield Cause(
+            f"{side}confident: its errors are {_times(nees)} times what it states"
+            f"{grown}",
+            own.look,
+            f"RMS error of {said}.",
+        )
+    yield from early
     yield from readings
-    if clear and not readings and not early:
-        yield _without_reading(rows, bound, over, parts)
+
+
+def _times(nees: Row) -> str:
+    """Size of the errors over the stated one, from their square."""
+    size = float(np.sqrt(nees.value / 3.0))
+    return measured(size, nees.standard_error / 6.0 / size)
 
 
 def _without_reading(
-    rows: Rows, bound: float, over: bool, parts: dict[str, tuple[float, float]]
-) -> str:
+    rows: Rows, over: bool, parts: dict[str, tuple[float, float]]
+) -> Cause:
+    bound = _value(rows, RMS_OVER_BOUND())
     stated = min(value for _, value in parts.values())
     if _late(rows):
         own = any(row.statistic.family == PART_OF_INNOVATION for row in rows.values())
-        return (
-            "what it states is right at the start and wrong later: the noise that it "
-            "has for the gyroscope"
+        return Cause(
+            _since(rows),
+            "It is right at the start and wrong later: the noise that it has for the "
+            "gyroscope"
             + (
-                " is too small, or its bias is wrong (its gain, its sign)"
+                " is too small, or its bias is wrong (its gain, its sign)."
                 if over
-                else f"{'' if own else ', or for another sensor,'} is too great"
-            )
+                else f"{'' if own else ', or for another sensor,'} is too great."
+            ),
         )
     if stated > 1.0 / FACTOR and over and bound >= AT_BOUND:
-        return (
-            f"its errors are {bound:.3g} times the bound, and it states the bound: a "
-            "state or a source of noise is missing"
+        return Cause(
+            f"they are {bound:.3g} times the bound, and it states the bound",
+            "A state or a source of noise is missing.",
         )
     if bound < AT_BOUND:
-        return (
-            f"its errors are as small as they can be, {bound:.3g} times the bound: "
-            "look at what it states, its factor, side and units"
-        )
+        return Cause("", "Look at what it states: its factor, side and units.")
     if not over:
-        return (
-            f"its errors are {bound:.3g} times the bound: it weighs a sensor too "
-            "little, whose noise it has too great"
+        return Cause(
+            f"they are {bound:.3g} times the bound",
+            "It weighs a sensor too little, whose noise it has too great.",
         )
-    return (
-        "it states less than the bound, which no filter can reach: the noise that it "
-        "has for a sensor is too small, or readings count twice"
+    return Cause(
+        "it states less than the bound, which no filter can reach",
+        "The noise that it has for a sensor is too small, or readings count twice.",
     )
 
 
 def _late(rows: Rows) -> bool:
     """True if the stated covariance is right at first, and wrong in the second half."""
-    _, off = _along_time(rows)
+    _, off, _ = _along_time(rows)
     if len(off) < LEAST:
         return False
     late = float(np.median(off[len(off) // 2 :]))
     return bool(abs(off[0]) < 0.5 * abs(late))
 
 
-def _early(rows: Rows) -> str:
-    """True if the stated covariance is wrong at the start, and less so later."""
-    time, off = _along_time(rows)
-    if len(off) < LEAST:
+def _since(rows: Rows) -> str:
+    """From when on the errors of no instant are as it states, and their last size."""
+    time, off, error = _along_time(rows)
+    out = (
+        np.abs(off) > float(-scipy.special.ndtri(FAR_INSTANT / 2.0 / len(off))) * error
+    )
+    inside = np.flatnonzero(~out)
+    first = 0 if not len(inside) else int(inside[-1]) + 1
+    if not 0 < first < len(off):
         return ""
-    worst = int(np.abs(off).argmax())
-    late = float(np.median(np.abs(off[len(off) // 2 :])))
-    if worst >= len(off) // 4 or not late < 0.6 * abs(off[worst]):
-        return ""
+    last = float(np.exp(off[-1] / 2.0))
+    size = measured(last, last * float(error[-1]) / 2.0)
     return (
-        f"its covariance is wrong at the start, most at {time[worst]:g} s: does it "
-        "take `start_std` and `bias_std` as they are?"
+        f"since {time[first]:g} s they are not what it states, and {size} times that "
+        f"at {time[-1]:g} s"
     )
 
 
-def _along_time(rows: Rows) -> tuple[Array, Array]:
-    """Times at which a NEES is kept, s, and logarithms of it over 3."""
+def _early(rows: Rows) -> list[Cause]:
+    """Cause of a covariance that is wrong at the start, and less so later."""
+    time, off, _ = _along_time(rows)
+    if len(off) < LEAST:
+        return []
+    worst = int(np.abs(off).argmax())
+    late = float(np.median(np.abs(off[len(off) // 2 :])))
+    if worst >= len(off) // 4 or not late < 0.6 * abs(off[worst]):
+        return []
+    return [
+        Cause(
+            f"its covariance is wrong at the start, most at {time[worst]:g} s",
+            "Does it take `start_std` and `bias_std` as they are?",
+        )
+    ]
+
+
+def _along_time(rows: Rows) -> tuple[Array, Array, Array]:
+    """Times at which a NEES is kept, s, logarithms of it over 3, and their errors."""
     at = [
-        (float(row.statistic.entries[-1]), np.log(max(row.value, 1e-9) / 3.0))
+        (float(row.statistic.entries[-1]), np.log(value / 3.0),
+         row.standard_error / value)
         for row in rows.values()
         if row.statistic.family == NEES_AT
-    ]
-    time, off = np.array(at or np.zeros((0, 2))).T
-    return time, off
+        for value in [max(row.value, 1e-9)]
+    ]  # fmt: skip
+    time, off, error = np.array(at or np.zeros((0, 3))).T
+    return time, off, error
 
 
-def _readings(rows: Rows) -> Iterator[str]:
+def _readings(rows: Rows) -> Iterator[Cause]:
     """Readings whose innovations are not what it states; of six, three a sensor."""
     found = [r for r in rows.values() if r.statistic.family == PART_OF_INNOVATION]
     ratio = np.array([row.value for row in found])
@@ -235,11 +311,11 @@ def _readings(rows: Rows) -> Iterator[str]:
         off = {name: v for name, v in off.items() if v == first and far > FAR}
     where = " (if its innovations are in this order)" if len(ratio) == 6 else ""
     for name, value in off.items():
-        wrong = "small" if value > 1.0 else "great"
-        yield (
+        yield Cause(
             f"the squared innovations of {name} are {value:.3g} times what it states"
-            f"{where}: the noise that it has for it is too {wrong}; is it in the unit "
-            "of the reading?"
+            f"{where}",
+            f"The noise that it has for {name} is too "
+            f"{'small' if value > 1.0 else 'great'}: is it in the unit of the reading?",
         )
 
 
@@ -252,7 +328,6 @@ def unjudged(name: str, cells: Sequence[CellResult]) -> str:
         return ""
     ends = " and ".join(f"{row.value:.3g}" for row in over)
     return (
-        f"not judged by theory: {name}'s error, {ends} times the bound, as it "
-        "states no covariance (judged: that it stays, errs by no constant, and is not "
-        "below the bound)"
+        f"the error of {name}, {ends} times the bound: it states no covariance. Judged "
+        "is that it stays, errs by no constant, and is not below the bound."
     )

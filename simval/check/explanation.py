@@ -1,34 +1,43 @@
-r"""The result of a check as text and as JSON: what failed, why, and what to do.
+r"""The result of a check as an account: whether it is right, why, and what to do.
 
 Each sentence gives the number that it is made from; causes of a filter's error are in
 `causes`.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import inf, isfinite
 from types import MappingProxyType
 from typing import Any, Final
 
-from simval.check.causes import unjudged, why
+from simval.account import Account, Fact, Line, Quantity, Reply, Values
+from simval.check.causes import sound, unjudged, why
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
-from simval.judge import Finding, findings, headline
+from simval.judge import Finding, GateResult, findings, headline
+from simval.judge.findings import rounded_up
+from simval.judge.gate import BEGIN, outcome
 from simval.judge.steps import loss
 from simval.plugins.loading import Meant
 from simval.plugins.names import located, portable
 from simval.results import CellName, Row
-from simval.spelling import measured
+from simval.spelling import measured, rounded
 from simval.statistics import (
     AT_AN_INSTANT,
     DIAGNOSES,
+    EFFICIENCY,
     FAILURES,
+    NEES,
+    NIS,
+    RMS,
+    RMS_OVER_BOUND,
+    SQUARED_ERROR,
     Family,
 )
 from simval.sweep.cells import CellResult
-from simval.text import columns, one_line
-from simval.verdict import ENDINGS
+from simval.text import one_line
+from simval.verdict import WORST_FIRST
 
 _UNEQUAL: Final = (
     "trials and cubature of the same function disagree: it jumps, or depends on more "
@@ -93,13 +102,12 @@ def advice_on(finding: Finding) -> str:
     if finding.answer != "fail" or not finding.statistic:
         return ""
     family = finding.statistic.partition("[")[0]
-    return _OF.get(finding.study, _ADVICE).get(family, "")
+    words = _OF.get(finding.study, _ADVICE).get(family, "")
+    return words and _sentence(words)
 
 
-ANSWERS: Final[Mapping[str, str]] = MappingProxyType(
-    {"fail": "FAIL", "inconclusive": "unclear", "pass": "ok", "wide": "wide", "": "-"}
-)
-"""How an answer is called in the table, from worst; what is not judged has none."""
+KEY: Final = frozenset({RMS, RMS_OVER_BOUND, EFFICIENCY, SQUARED_ERROR, NEES, NIS})
+"""Families that say how good it is: short views have them beside what does not pass."""
 
 SHOWN: Final[Mapping[str, str]] = MappingProxyType(
     {"more": "least", "prediction": "farthest"}
@@ -110,16 +118,8 @@ CRASH = f"{CrashedPluginError.__module__}.{CrashedPluginError.__qualname__}: "
 """What the words of a crash begin with in a store."""
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One family of statistics in one cell: its worst member, and its answer."""
-
-    value: str
-    answer: str
-
-
-def told(checked: Checked) -> str:
-    """Describe what was checked, and the result.
+def account_of(checked: Checked) -> Account:
+    """State what was checked: whether it is right, why, and what to do.
 
     Parameters
     ----------
@@ -128,132 +128,260 @@ def told(checked: Checked) -> str:
 
     Returns
     -------
-    str
-        Lines of text.
+    Account
+        An answer and a table for each plug-in.
     """
-    judged = findings(checked.result)
-    parts = ["\n".join(_plugin(checked, plugin, judged)) for plugin in checked.plugins]
-    known = {one_line(cell.name) for cell in checked.cells}
-    # of several cells together, or of the whole run
-    shared = [f for f in judged if f.answer != "pass" and f.cell.name not in known]
-    if not checked.result.verdicts and checked.result.unfinished:
-        shared = []  # that nothing was judged is told with each
-    if shared:
-        parts.append("\n".join(line for f in shared for line in _finding(f, checked)))
-    result = checked.result
-    if checked.missed:
-        parts.append("\n".join(f"  FAIL: limit {line}" for line in checked.missed))
-    answer = result.answer.upper()
-    if checked.missed:
-        n = len(checked.missed)
-        answer = (
-            f"FAIL: beyond a limit of your own {'once' if n == 1 else f'{n} times'}"
+    result, alone = checked.result, len(checked.plugins) == 1
+    replies, tables, every = [], [], set[str]()
+    for plugin in checked.plugins:
+        names = {cell.name for cell in checked.of(plugin)}
+        every |= names
+        own = result if alone else _part(result, names)
+        reply, values = _plugin(checked, plugin, own)
+        replies.append(reply)
+        tables.append(values)
+    shared = _part(result, every, inside=False)
+    if not alone and findings(shared, passes=False) and result.verdicts:
+        bad = _distinct(findings(shared, passes=False))
+        replies.append(
+            Reply(
+                title="Do they agree with theory together?",
+                headline=headline(shared),
+                answer=shared.answer,
+                lines=tuple(_lines_of(bad, checked)),
+            )
         )
-    measured = (unjudged(one_line(p.name), checked.of(p)) for p in checked.plugins)
-    parts.append(
-        f"{answer}: {headline(result)}; "
-        f"false-alarm rate {result.alpha:g} for all together"
-        + "".join(f"; {line}" for line in measured if line)
+    if checked.missed:
+        replies.append(
+            Reply(
+                title="Are your own limits kept?",
+                headline=f"No: {'; '.join(checked.missed)}.",
+                answer="fail",
+            )
+        )
+    return Account(
+        title="Check of",
+        source=", ".join(one_line(plugin.name) for plugin in checked.plugins),
+        replies=replies,
+        values=[each for each in tables if each.lines],
+        facts=[fact for each in tables if not each.lines for fact in each.facts],
     )
-    return "\n\n".join(parts)
+
+
+def _part(
+    result: GateResult, names: Container[str], *, inside: bool = True
+) -> GateResult:
+    """The result of some cells, or of all others."""
+
+    def of(cell: Any) -> bool:
+        return (cell.name in names) == inside
+
+    return replace(
+        result,
+        verdicts=tuple(v for v in result.verdicts if of(v.cell)),
+        comparisons=tuple(c for c in result.comparisons if of(c.cell)),
+        unfinished=tuple(c for c in result.unfinished if of(c)),
+        gaps=tuple(gap for gap in result.gaps if of(gap.cell)),
+        outside=tuple(pair for pair in result.outside if of(pair[0])),
+    )
 
 
 def _plugin(
-    checked: Checked, plugin: Meant, judged: Sequence[Finding]
-) -> Iterator[str]:
-    study = plugin.field.partition(".")[0].replace("_", " ")
+    checked: Checked, plugin: Meant, result: GateResult
+) -> tuple[Reply, Values]:
+    """Answer of one plug-in, and its table."""
+    name, study = one_line(plugin.name), plugin.field.partition(".")[0]
     cells = checked.of(plugin)
-    own = [f for f in judged if f.cell.name in {one_line(c.name) for c in cells}]
-    yield f"{one_line(plugin.name)}, {study}: {_ending(cells, own)}"
-    declared = (f"{key} {one_line(value)}" for key, value in plugin.declared.items())
-    yield f"  declares  {'; '.join(declared) or 'nothing'}"
     done = [cell for cell in cells if cell.status == "done"]
+    bad = _distinct(findings(result, passes=False))
+    causes = why(cells) if study == "filter" and result.answer == "fail" else []
+    ends = [_said(f) for f in bad
+            if not f.statistic and (f.cell.name or not result.unfinished)]  # fmt: skip
+    rows = [_off(f, checked) for f in bad if f.statistic]
+    ended = bool(ends) and (bool(result.endings["crashed"]) or not rows)
+    first = ends.pop(0) if ended else next(iter(rows), "")
+    said = [cause.reason for cause in causes] if causes and not ended else [first]
+    if causes:
+        said += sound(cells)
+    counts = "" if ended and not result.counts else outcome(result)
+    said = [each for each in (*said, counts) if each]
+    said[0] = f"{BEGIN[result.answer]}: {said[0]}"
+    do = [cause.look for cause in causes]
+    do += [advice_on(finding) for finding in bad] if not causes else []
+    do += [f"Take {rounded_up(f.more)} times as many trials." for f in bad if f.more]
+    reply = Reply(
+        title=f"Does {name}, {_kind(study)}, agree with theory?",
+        headline=" ".join(map(_sentence, said)),
+        answer=result.answer,
+        do=" ".join(dict.fromkeys(filter(None, do))),
+        lines=(
+            *(cause.rests for cause in causes if cause.rests),
+            *_lines_of(bad, checked),
+            f"The false-alarm rate is {result.alpha:g} for all together.",
+        ),
+    )
+    declared = (f"{key} {one_line(value)}" for key, value in plugin.declared.items())
+    facts = [Fact("also", _sentence(each), notable=True) for each in ends]
     if done:
-        yield from _fails_at(done[0])
-        yield ""
-        yield from _table(done, own)
-    bad = _distinct([f for f in own if f.answer != "pass"])
-    if bad:
-        yield ""
+        facts += _fails_at(done[0])
+    if words := unjudged(name, cells):
+        facts.append(Fact("not judged", words, notable=True))
+    facts.append(Fact("declares", "; ".join(declared) or "nothing"))
+    varied = _varying(done)
+    return reply, Values(
+        title=", by ".join(filter(None, (name, " and ".join(varied)))),
+        lines=list(_table(done, findings(result))),
+        heads=[", ".join(str(cell.parameters[key]) for key in varied) for cell in done],
+        facts=facts,
+    )
+
+
+def _kind(study: str) -> str:
+    words = study.replace("_", " ")
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
+
+
+def _sentence(words: str) -> str:
+    """Words as a sentence."""
+    return f"{words[0].upper()}{words[1:].removesuffix('.')}."
+
+
+def _said(finding: Finding) -> str:
+    """What was not measured, and why."""
+    return (
+        finding.reason.replace(CRASH, "")
+        .replace("the cell was", "it was")
+        .replace("the cell crashed", "it crashed")
+    )
+
+
+def _off(finding: Finding, checked: Checked) -> str:
+    """What does not pass, by its number."""
+    cell = _cell(checked, finding.cell)
+    row = next(
+        (row for row in (cell.rows if cell else ())
+         if one_line(str(row.statistic)) == finding.statistic
+         and one_line(row.predictor) == finding.against), None,
+    )  # fmt: skip
+    if row is None or row.prediction is None or finding.tier != "theory":
+        return ": ".join(filter(None, (finding.what, finding.reason)))
+    if finding.more is not None:
+        return f"its {row.statistic.family.words} needs more trials"
+    of = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
+    unit = "" if row.unit == "1" else f" {row.unit}"
+    verb = "is allowed" if row.check == "limit" else "is expected"
+    return (
+        f"its {row.statistic.family.words}{of} is "
+        f"{_number_words(row)}{unit}, where {rounded(row.prediction, 3)} {verb}"
+    )
+
+
+def _number_words(row: Row) -> str:
+    error = row.standard_error
+    return measured(row.value, error) if 0.0 < error < inf else rounded(row.shown, 3)
+
+
+def _lines_of(bad: Mapping[Finding, int], checked: Checked) -> Iterator[str]:
+    """Each kind of what does not pass, in full."""
     for finding, more in bad.items():
-        yield from _finding(finding, checked, more)
-    if bad and study == "filter":
-        yield from (f"  why: {line}" for line in why(cells))
+        cell = _cell(checked, finding.cell)
+        done = cell is not None and cell.status == "done"
+        where = _varied(cell, _of_same(cell, checked)) if cell and done else ""
+        what = " at ".join(filter(None, (finding.what, where)))
+        reason = finding.reason.replace(CRASH, "")
+        also = f" ({more} more of this kind)" if more else ""
+        yield ": ".join(filter(None, (what, reason))) + also
 
 
-def _ending(cells: Sequence[CellResult], judged: Sequence[Finding]) -> str:
-    """Result of a plug-in: the worst of its cells and of their judgements."""
-    found = {cell.ending for cell in cells} | {finding.answer for finding in judged}
-    return next(word for word in (*ENDINGS, "done") if word in found).upper()
-
-
-def _fails_at(cell: CellResult) -> Iterator[str]:
+def _fails_at(cell: CellResult) -> Iterator[Fact]:
     """Classes of attitudes at which it fails, each with its share."""
     rows = [row for row in cell.rows if row.statistic.family == FAILURES]
     shares = {
-        row.statistic.entries[0]: f"{row.value:.1%}"
+        row.statistic.entries[0]: f"{100.0 * row.value:.3g} %"
         + (" (declared)" if row.check == "record" else "")
         for row in rows
         if row.value > 0.0
     }
     if shares:
         words = "; ".join(f"{name} {share}" for name, share in shares.items())
-        yield f"  fails at  {words}"
+        yield Fact("fails at", words, notable=True)
     elif rows:
         n = rows[0].n
-        yield f"  fails at  none of {len(rows)} classes of attitudes, {n} cases of each"
+        words = f"none of {len(rows)} classes of attitudes, {n} cases of each"
+        yield Fact("fails at", words)
 
 
-def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[str]:
-    """Columns for each cell: what is worst of a family, and the answer."""
-    found = [_lines(cell, judged) for cell in cells]
-    titles = list(dict.fromkeys(title for column in found for title in column))
-    table = [["", *titles]]
-    for cell, column in zip(cells, found, strict=True):
-        lines = [column.get(title) for title in titles]
-        table.append(
-            [_varied(cell, cells), *("" if n is None else n.value for n in lines)]
+def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[Line]:
+    """Each family: of each cell what is worst, and its answer."""
+    found = [_families(cell, judged, _varied(cell, cells)) for cell in cells]
+    families = dict.fromkeys(each for column in found for each in column)
+    shown = {
+        each
+        for each in families
+        if each in KEY
+        or any(
+            column[each].answer in ("fail", "inconclusive")
+            for column in found
+            if each in column
         )
-        table.append(["", *("" if n is None else ANSWERS[n.answer] for n in lines)])
-    yield from columns(zip(*table, strict=True), -1, *(1, -1) * len(cells))
+    }
+    for family in families:
+        rows = [
+            row for cell in cells for row in cell.rows if row.statistic.family == family
+        ]
+        missing = Quantity("", None, missing="")
+        yield Line(
+            label=_title(family, rows, len(cells)),
+            unit=_unit(rows),
+            cells=[column.get(family, missing) for column in found],
+            fixed=False,
+            notable=family in (shown or families),
+        )
+
+
+def _varying(cells: Sequence[CellResult]) -> list[str]:
+    """Parameters that distinguish the cells."""
+    return [
+        key
+        for key in (cells[0].parameters if cells else ())
+        if len({str(cell.parameters.get(key)) for cell in cells}) > 1
+    ]
 
 
 def _varied(cell: CellResult, cells: Sequence[CellResult]) -> str:
     """Parameters that distinguish a cell from the others."""
-    differing = {
-        key: value
-        for key, value in cell.parameters.items()
-        if any(other.parameters.get(key) != value for other in cells)
-    }
-    return ", ".join(f"{key} {value}" for key, value in differing.items())
+    return ", ".join(f"{key} {cell.parameters[key]}" for key in _varying(cells))
 
 
-def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
-    """Each family of a cell by its title, in the order of its rows."""
+def _families(
+    cell: CellResult, judged: Sequence[Finding], where: str
+) -> dict[Family, Quantity]:
+    """The worst member of each family of a cell, in the order of its rows."""
     name = one_line(cell.name)
     answers = {
-        (f.statistic, f.against): "wide" if f.wide else f.answer
+        (f.statistic, f.against): None if f.wide else f.answer
         for f in judged
         if f.cell.name == name
     }
     families: dict[Family, list[Row]] = {}
     for row in cell.rows:
         families.setdefault(row.statistic.family, []).append(row)
-    lines = {}
+    found = {}
     for family, rows in families.items():
         if family in (*AT_AN_INSTANT, *DIAGNOSES):
             continue
-        known = [
-            answers[key]
+        known = {
+            answers.get((one_line(str(row.statistic)), one_line(row.predictor)))
             for row in rows
-            if (key := (one_line(str(row.statistic)), one_line(row.predictor)))
-            in answers
-        ]
-        farthest = max(rows, key=_badness)
-        answer = next((word for word in ANSWERS if word in known), "")
-        value = _figure(farthest.shown, farthest.standard_error)
-        lines[_title(family, rows)] = Line(value, answer)
-    return lines
+        }
+        answer = next((word for word in WORST_FIRST if word in known), None)
+        worst = max(rows, key=_badness)
+        error, value = worst.standard_error, worst.shown
+        if not 0.0 < error < inf:
+            value = float(f"{value:.3g}")
+        title = ", ".join(filter(None, (_title(family, rows), where)))
+        found[family] = Quantity(title, value, error, answer=answer)
+    return found
 
 
 def _badness(row: Row) -> tuple[bool, float]:
@@ -263,17 +391,15 @@ def _badness(row: Row) -> tuple[bool, float]:
     return row.value != row.value, abs(row.value) if found != found else found
 
 
-def _figure(value: float, error: float) -> str:
-    """A value, to the second digit of its standard error if it has one."""
-    return measured(value, error) if 0.0 < error < inf else f"{value:.3g}"
-
-
-def _title(family: Family, rows: Sequence[Row]) -> str:
-    units = {row.unit for row in rows}
-    unit = f", {units.pop()}" if len(units) == 1 and units != {"1"} else ""
+def _title(family: Family, rows: Sequence[Row], cells: int = 1) -> str:
     shown = SHOWN.get(family.better or "", "greatest")
-    many = f" ({shown} of {len(rows)})" if len(rows) > 1 else ""
-    return f"{family.words}{unit}{many}"
+    many = len(rows) // cells
+    return f"{family.words}{f' ({shown} of {many})' if many > 1 else ''}"
+
+
+def _unit(rows: Sequence[Row]) -> str:
+    units = {row.unit for row in rows}
+    return units.pop() if len(units) == 1 and units != {"1"} else ""
 
 
 def _distinct(bad: Sequence[Finding]) -> dict[Finding, int]:
@@ -290,25 +416,6 @@ def _distinct(bad: Sequence[Finding]) -> dict[Finding, int]:
     for first, *others in groups.values():
         said.setdefault((first.what, first.reason), (first, len(others)))
     return dict(said.values())
-
-
-def _finding(finding: Finding, checked: Checked, more: int = 0) -> Iterator[str]:
-    cell = _cell(checked, finding.cell)
-    crashed = cell is not None and cell.ending == "crashed"
-    word = finding.check if finding.check == "refused" else ANSWERS[finding.answer]
-    where = (
-        ""
-        if cell is None or cell.status != "done"
-        else _varied(cell, _of_same(cell, checked))
-    )
-    what = " at ".join(filter(None, (finding.what, where)))
-    reason = finding.reason.replace(CRASH, "")
-    words = ("crashed" if crashed else word, what, reason)
-    yield f"  {': '.join(filter(None, words))}"
-    if more:
-        yield f"    and {more} more of this kind"
-    if hint := advice_on(finding):
-        yield f"    {hint}"
 
 
 def _of_same(cell: CellResult, checked: Checked) -> Sequence[CellResult]:
@@ -330,6 +437,7 @@ def to_json(checked: Checked) -> str:
     result = checked.result
     judged = findings(result)
     answers = {(f.cell.name, f.statistic, f.against): f for f in judged}
+    account = account_of(checked)
     document = {
         "schema_version": VERSION,
         "answer": result.answer,
@@ -352,6 +460,7 @@ def to_json(checked: Checked) -> str:
             for f in judged
             if f.answer != "pass"
         ],
+        **account.as_object(),
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 

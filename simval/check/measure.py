@@ -21,6 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from simval.account import Account, Told
 from simval.errors import CrashedPluginError, InputError, PluginError
 from simval.judge import Gap, GateResult, judge_run, read_baseline, write_baseline
 from simval.plugins import Calibrator, Estimator, Filter
@@ -176,13 +177,20 @@ def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterato
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
+class Checked(Told):
     """Some plug-ins, measured and judged."""
 
     plugins: tuple[Meant, ...]  # what each is called, and what it declares
     cells: tuple[CellResult, ...]  # what was measured of them
     result: GateResult
     missed: tuple[str, ...] = ()  # the user's own limits, each with what misses it
+
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        from simval.check.explanation import account_of  # which is of this
+
+        return account_of(self)
 
     @property
     def good(self) -> bool:

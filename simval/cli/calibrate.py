@@ -15,16 +15,17 @@ from simval.cli.options import (
     AsJson,
     Columns,
     From,
-    Gravity,
     GyroDelay,
     Instance,
     LogPath,
+    Number,
     OutFile,
     Page,
     Positive,
     Rate,
     Rest,
     RowsOf,
+    StatedGravity,
     Until,
     command_again,
     declared,
@@ -37,13 +38,14 @@ from simval.cli.options import (
 )
 from simval.cli.outputs import Output
 from simval.cli.terminal import say, show
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from simval.account import Account
+    from simval.account import Account, Fact
+    from simval.imu.calibrate.gravity import Gravity
     from simval.imu.logs import Log
     from simval.imu.logs.names import Kind
     from simval.imu.multiposition import LogCalibration
@@ -55,7 +57,23 @@ if TYPE_CHECKING:
 @declared("calibrate")
 def command(
     path: LogPath,
-    g: Annotated[Gravity, "Gravity where the log was recorded, m/s^2."] = 9.80665,
+    g: Annotated[StatedGravity, "Gravity where the log was recorded, m/s^2."] = 9.80665,
+    g_std: Annotated[
+        Positive | None,
+        "Standard deviation of that gravity, m/s^2, which is then in the error bars of "
+        "K.  [default: taken as exact]",
+        dict(name="--g-uncertainty"),
+    ] = None,
+    latitude: Annotated[
+        float | None,
+        Number(-90.0, 90.0),
+        "Where the log was recorded, degrees north: gravity with its uncertainty is "
+        "that of the place, in place of --g.",
+        dict(metavar="DEGREES"),
+    ] = None,
+    height: Annotated[
+        float | None, "Height of that place above sea level.", dict(metavar="METRES")
+    ] = None,
     model: Annotated[
         Model, "Form of the matrix: which of the rotated versions is reported."
     ] = "triangular",
@@ -100,6 +118,11 @@ def command(
         "times within them, s, with a point (74.0).",
         dict(metavar="RESTS"),
     ] = "",
+    drift: Annotated[
+        bool,
+        "Take a drift of the accelerometer's bias and scale over the log into the fit; "
+        "the parameters are those at its middle.",
+    ] = False,
     means: Annotated[
         bool,
         "Each row is the mean reading of a pose: LOG is a table of means, and has no "
@@ -111,6 +134,12 @@ def command(
         Positive | None,
         "Greatest reading that the sensor can give, in the unit of the log.",
     ] = None,
+    label: Annotated[
+        tuple[str, ...],
+        "What the record of the calibration states: date, sensor and operator, or any "
+        "other.",
+        dict(multiple=True, metavar="KEY=VALUE"),
+    ] = (),
     out: Annotated[OutFile | None, "Write the calibration to this JSON file."] = None,
     page: Page = None,
     to: Annotated[
@@ -155,11 +184,14 @@ def command(
         sensors_object,
         with_log,
     )
+    from simval.imu.multiposition.record import record_facts
     from simval.imu.noise import load_noise
     from simval.imu.recorded.description import row_facts, rows_object
     from simval.theory import calibration_moments
 
-    out_of = rests_of(leave_out)
+    out_of, labels = rests_of(leave_out), labels_of(label)
+    gravity = gravity_of(g, g_std, latitude, height)
+    record = tuple(record_facts(labels, gravity))
     alone: tuple[Kind, ...] = ("gyro", "mag") if means else ("mag",)
     log = read_log(
         path, rate, columns, instance, start=start, stop=stop,
@@ -170,8 +202,8 @@ def command(
         loss=loss, full_scale=full_scale,
     )  # fmt: skip
     if means or not log.has_force:
-        how = dict(g=g, field=field, leave_out=out_of)
-        without_rests(log, options, how, out, means=means,
+        how = dict(g=gravity.g, g_std=gravity.std, field=field, leave_out=out_of)
+        without_rests(log, options, how, out, record, labels, means=means,
             as_json=as_json, verbose=verbose,
         )  # fmt: skip
         return
@@ -181,10 +213,12 @@ def command(
         known = None if noise is None else load_noise(noise)
         result = calibrate_log(
             log,
-            g=g,
+            g=gravity.g,
+            g_std=gravity.std,
             rest=rest,
             noise=known,
             leave_out=out_of,
+            drift=drift,
             predict=calibration_moments,
             **options,
         )
@@ -200,10 +234,10 @@ def command(
         if evidence is not None and evidence.rows != log.gyro_rows:
             log = replace(log, gyro_rows=evidence.rows)
             whole = all_of(log, result)
-    account = with_log(whole.account, log, row_facts(evidence))
+    account = with_log(whole.account, log, (*record, *row_facts(evidence)))
     if out is not None or as_json:
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
-        written["gyro_rows"] = rows_object(evidence)
+        written |= {"gyro_rows": rows_object(evidence), "labels": labels}
         written |= account.as_object()
     if out is not None:
         write_json(out, written)
@@ -234,6 +268,36 @@ def refusing_rests(log: Log) -> Iterator[None]:
         raise
 
 
+def gravity_of(
+    g: float, std: float | None, latitude: float | None, height: float | None
+) -> Gravity:
+    """Gravity as it is stated, or that of the place."""
+    from simval.imu.calibrate.gravity import Gravity, local_gravity
+
+    if latitude is None and height is None:
+        return Gravity(g, std or 0.0, "stated" if stated("g") else "assumed")
+    refuse_if(stated("g"), "`--g` and the place both say gravity; give one of the two")
+    if latitude is None or height is None:
+        msg = "gravity of a place is by `--latitude` and `--height` together; give both"
+        raise InputError(msg)
+    found = local_gravity(latitude, height)
+    return found if std is None else found._replace(std=std)
+
+
+def labels_of(given: tuple[str, ...]) -> dict[str, str]:
+    """Labels by their names."""
+    labels: dict[str, str] = {}
+    for each in given:
+        name, _, value = (part.strip() for part in each.partition("="))
+        refuse_if(
+            not name or not value or name in labels,
+            f"`--label` is {each!r}; give a name and what it states, KEY=VALUE, each "
+            "name once",
+        )
+        labels[name] = value
+    return labels
+
+
 def rests_of(words: str) -> list[float]:
     """Numbers of rests, whole ones, and times within them, with a point."""
     values = numbers("--leave-out", words, "of rests, as 7,11, or s, as 74.0")
@@ -249,6 +313,8 @@ def without_rests(
     options: dict[str, Any],
     how: dict[str, Any],
     out: Path | None,
+    record: Iterable[Fact],
+    labels: dict[str, str],
     *,
     means: bool,
     as_json: bool,
@@ -275,8 +341,8 @@ def without_rests(
             del options["residual"], options["loss"]
             fitted = partial(calibrate, **options)
             found = calibrate_turned(log, fitted, field=how["field"])
-    account = with_log(found.account, log, means=means)
-    written = found.as_object(log) | account.as_object()
+    account = with_log(found.account, log, record, means=means)
+    written = found.as_object(log) | {"labels": labels} | account.as_object()
     if out is not None:
         write_json(out, written)
     if as_json:
@@ -285,7 +351,9 @@ def without_rests(
         show(account, verbose=verbose)
 
 
-_OF_RESTS = ("rest", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to")
+_OF_RESTS = (
+    "rest", "drift", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to"
+)  # fmt: skip
 _OF_ROWS = (*_OF_RESTS, "leave_out", "hemisphere", "residual", "loss")
 
 

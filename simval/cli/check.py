@@ -7,8 +7,9 @@ from typing import Annotated
 
 import click
 
-from simval.cli.options import Alpha, AsJson, Whole, declared
-from simval.cli.terminal import say
+from simval.cli.options import Alpha, AsJson, OutFile, Whole, declared, write
+from simval.cli.outputs import step_summary
+from simval.cli.terminal import show
 from simval.vocabulary import ALPHA
 
 
@@ -18,6 +19,11 @@ def command(
     seed: Annotated[int, Whole(min=0), "Seed of the noise."] = 1,
     alpha: Alpha = ALPHA,
     as_json: AsJson = False,
+    summary: Annotated[OutFile | None, "Write a Markdown summary to this file."] = None,
+    verbose: Annotated[
+        bool,
+        "Print all: every statistic, what it declares, and what the answer rests on.",
+    ] = False,
 ) -> int:
     """Measure your algorithm PLUGIN in two cells and judge it; keeps no run folder.
 
@@ -25,10 +31,13 @@ def command(
     'command: PROGRAM {poses}'.
 
     The verdicts are those of `simval gate --no-baseline`. `simval sweep` measures more,
-    and keeps it. Exit code 0 pass, 1 fail, 2 the plug-in cannot be loaded, 3
-    inconclusive or refused, 4 it crashed.
+    and keeps it. In a GitHub workflow the command writes the step summary.
+
+    Exit code 0 pass, 1 fail, 2 the plug-in cannot be loaded, 3 inconclusive or refused,
+    4 it crashed.
     """
-    from simval.check import check_plugin, told
+    from simval.account.markdown import text
+    from simval.check import check_plugin
     from simval.check.explanation import to_json
     from simval.cli.progress import CellBar, Quiet
 
@@ -37,5 +46,8 @@ def command(
     if as_json:
         click.echo(to_json(checked), nl=False)
     else:
-        say(told(checked).splitlines())
+        show(checked.account, verbose=verbose)
+    if summary is not None:
+        write(summary, text(checked.account))
+    step_summary(text(checked.account))
     return checked.result.exit_code

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -12,17 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from simval.cli.options import Alpha, OutFile, RunName, declared, refuse_if, runs, write
-from simval.cli.terminal import show, tell
+from simval.cli.terminal import show
 from simval.errors import InputError
-from simval.text import number
 from simval.vocabulary import ALPHA
 
 if TYPE_CHECKING:
-    from simval.judge import AlgorithmComparison, Merit, RunComparison
-    from simval.sweep.run import Run
-
-MERITS = 40
-"""Qualities of two algorithms printed one by one; the others are counted."""
+    from simval.judge import AlgorithmComparison
 
 
 @declared("compare")
@@ -41,8 +36,8 @@ def command(
     ] = None,
     every: Annotated[
         bool,
-        "Print every value that changed, not only the kinds; of calibrations every "
-        "digit, and what the answer rests on.",
+        "Print every value that changed, not only the kinds, every digit, and what the "
+        "answer rests on.",
         dict(name="--all"),
     ] = False,
     csv_file: Annotated[
@@ -72,7 +67,7 @@ def command(
     """
     if algorithms:
         files = (out, csv_file, json_file)
-        return _algorithms(run_a, run_b, algorithms, files, alpha)
+        return _algorithms(run_a, run_b, algorithms, files, alpha, every=every)
     if run_b is None:
         msg = "give two runs, or one with `--algorithms A B`"
         raise InputError(msg)
@@ -91,12 +86,13 @@ def _runs(
     """Compare two runs."""
     from simval.judge import compare_runs
     from simval.judge.formats import comparison_json
+    from simval.judge.result_lines import runs_account
     from simval.sweep import load_run
 
     out, csv_file, json_file = files
     a, b = load_run(run_a), load_run(run_b)
     comparison = compare_runs(a, b, alpha)
-    show_runs(a, b, comparison, every=every)
+    show(runs_account(a, b, comparison), verbose=every)
     if json_file is not None:
         write(json_file, comparison_json(a, b, comparison))
     if out is not None or csv_file is not None:
@@ -133,9 +129,12 @@ def _algorithms(
     names: tuple[str, str],
     files: tuple[Path | None, ...],
     alpha: float,
+    *,
+    every: bool,
 ) -> int:
     """Compare two algorithms of one run."""
     from simval.judge import compare_algorithms
+    from simval.judge.result_lines import algorithms_account
     from simval.sweep import load_run
 
     refuse_if(run_b is not None, "`--algorithms` compares within one run; give one run")
@@ -146,83 +145,9 @@ def _algorithms(
     )
     run = load_run(run_a)
     found = compare_algorithms(run, *names, alpha)
-    show_algorithms(found)
-    calls = run.timing.get("calls", {})
-    times = _times_of(found, calls)
-    if times is not None:
-        click.echo(
-            f"a call of {found.names[0]} takes {times:.2g} times that of "
-            f"{found.names[1]} (processor time, not judged)"
-        )
+    times = _times_of(found, run.timing.get("calls", {}))
+    show(algorithms_account(found, times), verbose=every)
     return 0 if found.merits else 3
-
-
-def show_algorithms(found: AlgorithmComparison) -> None:
-    """Print how often the first is better or worse, in what, and bound the rest."""
-    first, second = found.names
-    if not found.merits:
-        tell([f"{first} and {second} have nothing in common"])
-        return
-    counts = ", ".join(
-        f"{word} in {len(found.of(word))}" for word in ("better", "worse", "same")
-    )
-    lines = [
-        f"{first} compared with {second}: {counts} of {len(found.merits)}; "
-        f"false-alarm rate {found.alpha:g} for all together"
-    ]
-    apart = [m for m in found.merits if m.standing != "same"]
-    for merit in sorted(apart, key=lambda m: -m.weight)[:MERITS]:
-        lines.append(_merit_line(merit, first, second))
-    if len(apart) > MERITS:
-        lines.append(f"... and {len(apart) - MERITS} more")
-    lines += _same_lines(found)
-    if found.alone:
-        one = found.alone[0]
-        lines.append(f"{len(found.alone)} cells of one alone: {one}")
-    tell(lines)
-
-
-def _merit_line(merit: Merit, first: str, second: str) -> str:
-    from simval.judge.algorithms import ACCURACY
-
-    if merit.what == ACCURACY:
-        size = f"{number(100.0 * abs(merit.difference), 3, 100.0)} %"
-        if merit.error > 0.0:
-            size += (
-                f" ± {100.0 * merit.error:.2g} % ({merit.weight:.3g} standard errors)"
-            )
-        return (
-            f"{merit.standing}: {first} has an RMS error "
-            f"{'smaller' if merit.standing == 'better' else 'greater'} by {size} than "
-            f"{second} at {merit.setting} ({merit.a:.5g} and {merit.b:.5g} times the "
-            "bound)"
-        )
-    error = f" ± {merit.error:.2g}" if merit.error > 0.0 else ""
-    where = f" at {merit.setting}" if merit.error > 0.0 else ""
-    return (
-        f"{merit.standing}: {merit.what}{where}: {first} {merit.a:.4g}, {second} "
-        f"{merit.b:.4g}, difference {merit.difference:+.3g}{error}"
-    )
-
-
-def _same_lines(found: AlgorithmComparison) -> Iterator[str]:
-    """Say of each kind of quality that is the same how great a difference may be."""
-    from simval.judge.algorithms import ACCURACY, FAILING, HONESTY
-
-    same = found.of("same")
-    for what in (ACCURACY, HONESTY):
-        own = [merit for merit in same if merit.what == what]
-        if own:
-            widest = max(merit.within for merit in own)
-            factor, unit = (100.0, " %") if what == ACCURACY else (1.0, "")
-            bound = f"{number(factor * widest, 2, factor)}{unit}"
-            yield (
-                f"same: {what}, settings: {len(own)}: no difference beyond chance, and "
-                f"none above {bound} (95 % each)"
-            )
-    classes = sum(merit.what.startswith(FAILING) for merit in same)
-    if classes:
-        yield f"same: {FAILING}, classes: {classes}"
 
 
 def _times_of(
@@ -236,20 +161,3 @@ def _times_of(
         if a in calls and b in calls
     )
     return median(ratios) if ratios else None
-
-
-def show_runs(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
-    """Print how many values changed, then what and which way."""
-    from simval.judge.result_lines import changes_headline, move_lines, other_lines
-    from simval.judge.runs import origin_of, shared_words
-
-    lines = [f"A is {origin_of(a).words}", f"B is {origin_of(b).words}"]
-    if found.total:
-        lines += [
-            changes_headline(found),
-            *move_lines([(move.way, move) for move in found.moves], every),
-        ]
-        lines += other_lines(found)
-    else:
-        lines.append(f"the runs have nothing in common: {shared_words(a, b)}")
-    tell(lines)

@@ -31,7 +31,7 @@ from simval.cli.options import (
     with_rows,
     write,
 )
-from simval.cli.terminal import say
+from simval.cli.terminal import show
 from simval.errors import (
     CrashedPluginError,
     InputError,
@@ -46,8 +46,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from simval.account import Account
     from simval.imu.logs import Log, Truth
     from simval.imu.recorded import Alignment, Evaluation
+    from simval.imu.recorded.description import FilteredLog
     from simval.imu.recorded.evaluation import FilterRun
     from simval.imu.recorded.settings import Signals, Start
     from simval.imu.recorded.world import TruthWorld
@@ -136,6 +138,11 @@ def command(
     out: Annotated[OutFile | None, "Write the result to this JSON file."] = None,
     page: Page = None,
     as_json: AsJson = False,
+    verbose: Annotated[
+        bool,
+        "Print all: every digit, what each answer rests on, and how log and truth were "
+        "read.",
+    ] = False,
 ) -> int:
     """Run attitude filters over a recorded LOG and measure their errors.
 
@@ -152,15 +159,10 @@ def command(
     Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
     """
     from simval.imu.logs import read_log
+    from simval.imu.multiposition.description import with_log
     from simval.imu.noise import load_noise
     from simval.imu.recorded.alignment import prepared, stated_axes
-    from simval.imu.recorded.description import (
-        alignment_lines,
-        evaluation_object,
-        filter_lines,
-        log_values,
-        row_lines,
-    )
+    from simval.imu.recorded.description import FilteredLog
     from simval.imu.recorded.published import published_rows, published_start
     from simval.imu.recorded.settings import longest_part, start_of
 
@@ -191,43 +193,40 @@ def command(
             str(noise),
             accelerometer_noise=accelerometer_noise,
         )
-    head = [*log.described(), *found.described(), *row_lines(found.evidence)]
-    head += begin.described
-    head += alignment_lines(alignment, recorded)
-    head += _offered(path, instance) if recorded is None else []
-    say([] if as_json else head)
     more = None
     if as_published:
         world = None if alignment is None else alignment.world
         truth_rows, marks = published_rows(log, recorded, world, instance)
         more = truth_rows, marks, published_start(found, begin)
     done, failed, code = _evaluated(filters, found, begin, alignment, time_limit, more)
-    written = log_values(log, found, begin, alignment, recorded) | {
-        "filters": [evaluation_object(each) for each in done],
-        "failed": failed,
-    }
+    whole = FilteredLog(
+        found=found,
+        start=begin,
+        done=tuple(done),
+        failed=failed,
+        alignment=alignment,
+        recorded=recorded,
+        quaternions=_offered(path, instance) if recorded is None else (),
+    )
+    account = with_log(whole.account, log)
+    if out is not None or as_json:
+        written = whole.as_object(log) | account.as_object()
     if out is not None:
         write(out, json.dumps(written, allow_nan=False, indent=1) + "\n")
     if page is not None:
-        _write_page(page, log, head, done, failed)
+        _write_page(page, log, whole, account)
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
     else:
-        say(["", *filter_lines(done, failed, alignment is not None)])
+        show(account, verbose=verbose)
     return code
 
 
-def _write_page(
-    page: Path,
-    log: Log,
-    said: list[str],
-    done: list[Evaluation],
-    failed: dict[str, str],
-) -> None:
+def _write_page(page: Path, log: Log, whole: FilteredLog, account: Account) -> None:
     from simval.report.filter_page import filter_page  # starts the drawing
     from simval.report.log_page import render_log
 
-    write(page, render_log(filter_page(log, said, done, failed, command_again())))
+    write(page, render_log(filter_page(log, whole, account, command_again())))
 
 
 def truth_of(
@@ -258,14 +257,11 @@ def truth_of(
     )  # fmt: skip
 
 
-def _offered(path: Path, instance: str | None) -> list[str]:
+def _offered(path: Path, instance: str | None) -> tuple[str, ...]:
     from simval.imu.logs.truth import quaternion_stems
 
     stems = quaternion_stems(str(path), instance)
-    if not stems:
-        return []
-    named = ", ".join(stem.rstrip("_.- ") or "log" for stem in stems)
-    return [f"quaternions       {named}: if that is the truth, give it (--truth NAME)"]
+    return tuple(stem.rstrip("_.- ") or "log" for stem in stems)
 
 
 def filters_of(plugins: Sequence[str]) -> dict[str, str]:
@@ -336,11 +332,11 @@ def run_on_log(
         child.measure()
         output = run_filter(filter, given, keep, world.world)
     how = "declared" if filter.world else "found"
-    at = "" if filter.magnetometer else f"; starts at {found.time[start.row]:.2f} s"
+    at = "" if filter.magnetometer else f"; it starts at {found.time[start.row]:.2f} s"
     return FilterRun(
         name=name,
         world=world.world,
-        how=f"{how}: {filter.name} {world.words}{at}",
+        how=f"{how}: {world.words}{at}",
         output=replace(output, kept=output.kept + given_rows(found, start).start),
         six=None if filter.magnetometer else start,
         thinned=stride > 1,

@@ -25,7 +25,7 @@ from simval.cli.options import (
     stated,
     write,
 )
-from simval.cli.outputs import require_free
+from simval.cli.outputs import step_summary
 from simval.cli.terminal import say
 from simval.cli.terminal import show as show_account
 from simval.errors import InputError
@@ -254,15 +254,7 @@ def show(result: GateResult, table: bool = False, every: bool = False) -> None:
 def _tell_github(result: GateResult, baseline: Path) -> None:
     from simval.judge.formats import annotations, to_markdown
 
-    summary = os.environ.get("GITHUB_STEP_SUMMARY")
-    if summary:
-        require_free(Path(summary), "GITHUB_STEP_SUMMARY")
-        try:
-            with Path(summary).open("a", encoding="utf-8") as file:
-                file.write(to_markdown(result) + "\n")
-        except OSError as error:
-            msg = f"cannot write the step summary {summary}: {error}"
-            raise InputError(msg) from None
+    step_summary(to_markdown(result))
     if os.environ.get("GITHUB_ACTIONS") == "true":
         for line in annotations(result, str(baseline)):
             click.echo(line)

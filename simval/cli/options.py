@@ -213,7 +213,7 @@ RunName = Annotated[str, dict(shell_complete=runs)]
 OutFile = Annotated[Path, Output(dir_okay=False)]
 OutFolder = Annotated[Path, Output()]
 Positive = Annotated[float, _Positive()]
-Gravity = Annotated[float, _Gravity()]
+StatedGravity = Annotated[float, _Gravity()]
 Rate = Annotated[
     float | None, "Rows per second of a LOG that has no clock.", dict(metavar="HZ")
 ]

@@ -73,6 +73,19 @@ def require_apart(command: click.Command, values: Mapping[str, Any]) -> None:
                 raise InputError(msg)
 
 
+def step_summary(text: str) -> None:
+    """Append Markdown to the summary of a step, in a GitHub workflow."""
+    summary = os.environ.get("GITHUB_STEP_SUMMARY")
+    if summary:
+        require_free(Path(summary), "GITHUB_STEP_SUMMARY")
+        try:
+            with Path(summary).open("a", encoding="utf-8") as file:
+                file.write(text + "\n")
+        except OSError as error:
+            msg = f"cannot write the step summary {summary}: {error}"
+            raise InputError(msg) from None
+
+
 def require_free(path: Path, option: str = "--out") -> None:
     """Refuse to write over what a run folder has of its own."""
     for place in (path.absolute(), _real(path)):

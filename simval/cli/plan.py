@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from simval.cli.options import AsJson, Gravity, declared, numbers, refuse_if, stated
+from simval.cli.options import (
+    AsJson,
+    StatedGravity,
+    declared,
+    numbers,
+    refuse_if,
+    stated,
+)
 from simval.cli.terminal import show
 from simval.errors import InputError
 from simval.vocabulary import Model
@@ -79,7 +86,7 @@ def command(
         int | None,
         "Rests to take over --temperatures.  [default: as many as poses, 20 at least]",
     ] = None,
-    g: Annotated[Gravity, "Gravity, m/s^2."] = 9.80665,
+    g: Annotated[StatedGravity, "Gravity, m/s^2."] = 9.80665,
     model: Annotated[
         Model, "Form of the matrix whose parameters are predicted."
     ] = "triangular",

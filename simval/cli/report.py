@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,9 @@ from simval.cli.options import (
     refuse_if,
 )
 from simval.cli.outputs import beside_store, require_free
+from simval.cli.terminal import say
 from simval.errors import InputError
+from simval.extras import needing
 from simval.vocabulary import ALPHA, BASELINE
 
 if TYPE_CHECKING:
@@ -34,7 +37,7 @@ def command(
     ] = None,
     pictures: Annotated[
         OutFolder | None,
-        "Write each figure to this folder too, as SVG and PNG.",
+        "Write each figure to this folder too, as SVG and (extra `plots`) PNG.",
         dict(name="--figures"),
     ] = None,
     names: Annotated[
@@ -121,6 +124,7 @@ def _chosen(run: Run, names: tuple[str, ...]) -> dict[str, Drawing]:
 def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:
     from simval.report import png, svg_file
 
+    pixels = find_spec("matplotlib") is not None
     folder.mkdir(parents=True, exist_ok=True)
     for name, drawing in chosen.items():
         file = folder / f"{name}.svg"
@@ -128,8 +132,13 @@ def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:
         require_free(file.with_suffix(".png"), "--figures")
         with _named(file):
             file.write_text(svg_file(drawing), encoding="utf-8")
-        with _named(file.with_suffix(".png")) as picture:
-            picture.write_bytes(png(drawing))
+        if pixels:
+            with _named(file.with_suffix(".png")) as picture:
+                picture.write_bytes(png(drawing))
+    if not pixels:
+        say(
+            [f"the figures are SVG alone; {needing('plots', 'writing .png')}"], err=True
+        )
 
 
 def _write_tables(run: Run, folder: Path) -> None:

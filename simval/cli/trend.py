@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from simval.cli.options import Alpha, OutFile, declared, write
-from simval.cli.terminal import tell
-from simval.text import one_line
+from simval.cli.terminal import show
 from simval.vocabulary import ALPHA
 
 if TYPE_CHECKING:
-    from rich.table import Table as Printed
-
-    from simval.judge import Move, Trend
+    from simval.judge import Trend
     from simval.report.table import Table
 
 
@@ -46,10 +43,11 @@ def command(
     """
     from simval.judge import read_runs, trend_of
     from simval.judge.formats import trend_json
+    from simval.judge.result_lines import trend_account
     from simval.report.table import csv_text
 
     trend = trend_of(read_runs(folder), alpha)
-    show(trend, every=every)
+    show(trend_account(trend), verbose=every)
     if json_file is not None:
         write(json_file, trend_json(trend))
     if csv_file is not None:
@@ -57,58 +55,6 @@ def command(
     for file in filter(None, (csv_file, json_file)):
         click.echo(str(file))
     return 0 if trend.lines else 3
-
-
-def show(trend: Trend, *, every: bool = False) -> None:
-    """Print how many values have a step, the runs, and the steps."""
-    from rich.console import Console
-
-    from simval.judge.result_lines import move_lines
-
-    tell([headline(trend)])
-    Console(highlight=False, soft_wrap=True, emoji=False).print(_runs(trend))
-    tell(move_lines([_dated(trend, *each) for each in trend.moves], every))
-
-
-def headline(trend: Trend) -> str:
-    """Number of values that have a step, and of runs."""
-    from simval.judge.trend import ordered_by
-
-    runs = f"{len(trend.origins)} runs of suite {trend.origins[-1].suite}"
-    if not trend.lines:
-        return f"{runs}: they have nothing in common"
-    return (
-        f"{runs} by {ordered_by(trend.origins)}: {trend.changed:,} of "
-        f"{len(trend.lines):,} statistics have a step; false-alarm rate "
-        f"{trend.alpha:g} for all together"
-    )
-
-
-def _runs(trend: Trend) -> Printed:
-    """A line for each run: which way how many values stepped there."""
-    from rich.table import Table as Printed
-
-    from simval.judge.trend import WAYS
-
-    table = Printed(box=None, pad_edge=False)
-    for heading in ("run", "commit", "date", "seeds"):
-        table.add_column(heading)
-    for heading in (*WAYS, "within chance"):
-        table.add_column(heading, justify="right")
-    for run, origin in enumerate(trend.origins):
-        counts = [trend.count(run, way) for way in WAYS]
-        numbers = [str(c) if c else "." for c in (*counts, trend.within[run])]
-        day = (origin.committed or origin.started)[:10]
-        seeds = ",".join(map(str, origin.seeds))
-        table.add_row(one_line(origin.name), origin.commit, day, seeds, *numbers)
-    return table
-
-
-def _dated(trend: Trend, run: int, move: Move) -> tuple[str, Move]:
-    """A move after the way and the commit since when."""
-    origin = trend.origins[run]
-    where = "" if origin.label == origin.name else f" ({origin.name})"
-    return f"{move.way} since {origin.label}{where}", move
 
 
 def values_table(trend: Trend) -> Table:

@@ -2,8 +2,8 @@
 
 A line holds one statistic, so that a change can be reviewed: its value, its standard
 error, the number of samples, and by each check that judges it the prediction and the
-remainder. A row that has its own limit is rounding noise below it, so its value is not
-kept (null).
+remainder. A value that has its own limit is rounding noise below it, and is kept (not
+null) only above.
 """
 
 import json
@@ -46,7 +46,7 @@ class Judged(NamedTuple):
 class Entry(NamedTuple):
     """One statistic of a cell."""
 
-    # None where the row has its own limit, below which it is rounding noise
+    # None where it is below a limit of its own, and so rounding noise
     value: float | None
     error: float  # standard error; 0 where it is deterministic
     n: int
@@ -226,25 +226,35 @@ def environment_changes(
     return tuple(differences(kept, environment(manifest)))
 
 
-def entries(rows: Sequence[Row]) -> dict[str, Entry]:
-    """Entries of a baseline for the rows of a cell, by statistic."""
+def by_statistic(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows of a cell by what is compared: a statistic, apart where its values differ.
+
+    Theories that the same value is compared with are one.
+    """
     groups: dict[Statistic, list[Row]] = {}
     for row in rows:
         groups.setdefault(row.statistic, []).append(row)
-    kept: dict[str, Entry] = {}
+    found: dict[str, list[Row]] = {}
     for statistic, group in groups.items():
         if len({(row.value, row.standard_error, row.n) for row in group}) == 1:
-            kept[str(statistic)] = _entry_of(group)
+            found[str(statistic)] = group
         else:
             for row in group:
-                kept[f"{statistic} against {row.predictor}"] = _entry_of([row])
-    return dict(sorted(kept.items()))
+                found[f"{statistic} against {row.predictor}"] = [row]
+    return dict(sorted(found.items()))
 
 
-def _entry_of(rows: Sequence[Row]) -> Entry:
+def entries(rows: Sequence[Row]) -> dict[str, Entry]:
+    """Entries of a baseline for the rows of a cell, by statistic."""
+    return {name: entry_of(group) for name, group in by_statistic(rows).items()}
+
+
+def entry_of(rows: Sequence[Row]) -> Entry:
+    """Entry of the rows of one value."""
     first = rows[0]
+    limits = [row.prediction or 0.0 for row in rows if row.check == "limit"]
     return Entry(
-        None if any(row.check == "limit" for row in rows) else first.value,
+        None if limits and first.value <= min(limits) else first.value,
         first.standard_error,
         first.n,
         {

@@ -19,7 +19,7 @@ a direction if it moved by more than chance explains at the false-alarm rate tha
 comparisons share.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import hypot, isfinite, sqrt
@@ -29,6 +29,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import scipy
 
+from simval.arrays import Array
 from simval.change import (
     EXACT_BOUND,
     JUDGING_BOUND,
@@ -150,6 +151,12 @@ class Comparison:
             )
         if self.change in ("precision", "theory"):
             return self.detail
+        if self.change == "changed" and None in (self.stored, self.value):
+            ends = (
+                "below its limit" if each is None else f"{each:.9g}"
+                for each in (self.stored, self.value)
+            )
+            return "{} in the baseline, now {}".format(*ends)
         if self.answer == "pass" or self.stored is None or self.value is None:
             return ""
         words = f"{self.stored:.9g} in the baseline, now {self.value:.9g}"
@@ -160,6 +167,8 @@ class Comparison:
     def _size(self, stored: float, value: float) -> str:
         """By how much it changed, and what was allowed."""
         step = value - stored
+        if self.change == "unresolved" and not self.standard_error:
+            return "its noise is another, and how much that moves it is not known"
         size = (
             f"{self.sigmas:+.3g} standard errors"
             if self.standard_error > 0
@@ -212,7 +221,13 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
     paired = np.array([pair.same_noise for pair in pairs], dtype=bool)
     stated = np.array([old.value or 0.0 for old, _ in both], dtype=float)
     values = np.array([new.value or 0.0 for _, new in both], dtype=float)
-    left = np.array([_left_open(pair) for pair in pairs], dtype=float)
+    left = np.array(
+        [
+            left_open(*each) if pair.same_noise else 0.0
+            for pair, each in zip(pairs, both, strict=True)
+        ],
+        dtype=float,
+    )
     error = np.array(
         [
             old.error if pair.same_noise else hypot(old.error, new.error)
@@ -220,7 +235,9 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
         ],
         dtype=float,
     )
-    bound = rounding_bound(stated, np.where(paired, error, 0.0), left)
+    nothing = np.zeros(len(pairs))
+    plain = rounding_bound(stated, nothing, nothing)
+    bound = np.where(paired, bounds_on_same_noise(both), plain)
     for i, pair in enumerate(pairs):
         if pair.old is None:
             bound[i] = 0.0
@@ -232,6 +249,13 @@ def compare(run: Run, stored: Stored, alpha: float) -> tuple[Comparison, ...]:
         on_same_noise(stated, values, bound),
         on_other_noise(np.abs(values - stated), error, bound, quantile),
     )
+    once = [
+        not pair.same_noise
+        and new.statistic is not None
+        and new.statistic.family.one_draw
+        for pair, (_, new) in zip(pairs, both, strict=True)
+    ]
+    found[np.array(once, dtype=bool) & (found == "changed")] = "unresolved"
     aim = float(-scipy.special.ndtri(alpha / max(len(pairs), 1) / 2.0))
     columns = (column.tolist() for column in (found, error, bound, left))
     return tuple(map(partial(_comparison, aim), pairs, *columns))
@@ -253,8 +277,9 @@ def _comparison(
     theory = _predictions(pair)
     way: Standing = "neither"
     if change == "changed" and measured and stored is not None and value is not None:
-        least = max(bound, aim * error) if measured.better in AIMED else bound
-        way = standing(loss_change(measured, (stored, value), theory), least)
+        way = way_of(measured, (stored, value), theory, bound, aim * error)
+    elif change == "changed":  # across a limit
+        way = "worse" if stored is None else "better"
     samples = [each.n for each in (old, new) if each is not None]
     return Comparison(
         cell=pair.cell,
@@ -319,8 +344,10 @@ def _known(old: Entry | None, new: Entry | None) -> Change | None:
         return "missing"
     if old is None:
         return "new"
-    judged = old.judged.keys() <= new.judged.keys()
-    return None if judged and (old.value is None) == (new.value is None) else "unjudged"
+    if not old.judged.keys() <= new.judged.keys():
+        return "unjudged"
+    # one of them is beyond a limit
+    return None if (old.value is None) == (new.value is None) else "changed"
 
 
 def _matched(
@@ -340,12 +367,28 @@ def _matched(
     )
 
 
-def _left_open(pair: _Pair) -> float:
+def bounds_on_same_noise(pairs: Sequence[tuple[Entry, Entry]]) -> Array:
+    """How far rounding alone may move each value: beyond, the algorithm changed."""
+    numbers = [(old.value or 0.0, old.error, left_open(old, new)) for old, new in pairs]
+    stated, error, left = np.array(numbers, dtype=float).reshape(-1, 3).T
+    return rounding_bound(stated, error, left)
+
+
+def way_of(
+    statistic: Statistic,
+    values: tuple[float, float],
+    predictions: tuple[float | None, float | None],
+    bound: float,
+    chance: float,
+) -> Standing:
+    """Direction of a change beyond a bound; of what has an aim, beyond chance, too."""
+    least = max(bound, chance) if statistic.better in AIMED else bound
+    return standing(loss_change(statistic, values, predictions), least)
+
+
+def left_open(old: Entry, new: Entry) -> float:
     """The least that a theory leaves open of a value on the same noise."""
-    old, new = pair.old, pair.new
-    if old is None or not pair.same_noise:
-        return 0.0
-    checks = {} if new is None else {k: j.check for k, j in new.judged.items()}
+    checks = {key: judged.check for key, judged in new.judged.items()}
     remainders = (
         j.remainder
         for key, j in old.judged.items()

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from simval.account.markdown import text
 from simval.judge.findings import Finding, details, findings, groups
 from simval.judge.gate import GateResult, headline
-from simval.judge.result_lines import gate_account
+from simval.judge.result_lines import gate_account, runs_account, trend_account
 from simval.judge.runs import RunComparison, origin_of
 from simval.judge.steps import Move, Step
 from simval.judge.trend import WAYS, Trend
@@ -131,7 +131,7 @@ def to_junit(result: GateResult) -> str:
     own = {one_line(name): value for name, value in result.seconds.items()}
     seconds = {name: own.get(name.name, 0.0) / count for name, count in shared.items()}
     total = sum(seconds[f.cell] for f in entries)
-    title = f"simval gate: {result.answer.upper()}: {headline(result)}"
+    title = f"simval gate: {headline(result)}"
     head = {"name": title} | _counted(entries) | {"time": f"{total:.6f}"}
     root = ElementTree.Element("testsuites", head)
     for study in dict.fromkeys(f.study for f in entries):
@@ -255,11 +255,12 @@ def comparison_json(a: Run, b: Run, found: RunComparison) -> str:
         "alpha": found.alpha,
         "common": found.total,
         "changed": {way: found.count(way) for way in WAYS},
-        "moved_within_chance": found.kinds.count("moved"),
+        "moved_within_chance": found.within,
         "moves": _moves(found.moves),
         "environment": list(found.environment),
         "only_a": list(found.only_a),
         "only_b": list(found.only_b),
+        **runs_account(a, b, found).as_object(),
     }
     return _as_json(document)
 
@@ -282,6 +283,7 @@ def trend_json(trend: Trend) -> str:
             | _moves([move])[0]
             for run, move in trend.moves
         ],
+        **trend_account(trend).as_object(),
     }
     return _as_json(document)
 

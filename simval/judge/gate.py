@@ -2,8 +2,8 @@
 
 `judge_run` asks three questions: was everything measured that should have been
 (`gaps_of`), does it agree with theory (`simval.verdict`), and does it agree with the
-baseline (`compare`)? The answer is the worst of the three; `headline` says it in one
-line, with what is wrong in numbers, and `samples_spent` what it cost.
+baseline (`compare`)? The answer is the worst of the three; `headline` says it in a
+sentence, with what is wrong in numbers, and `samples_spent` what it cost.
 """
 
 import shlex
@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import ceil, isnan
+from types import MappingProxyType
 from typing import Any
 
 from simval.change import EFFORT
@@ -24,6 +25,7 @@ from simval.judge.comparison import (
 )
 from simval.judge.steps import Step
 from simval.results import CellName, Row
+from simval.spelling import counted, whole
 from simval.sweep.run import CellResult, Run
 from simval.verdict import (
     ALPHA,
@@ -34,6 +36,11 @@ from simval.verdict import (
     judge,
     overall,
 )
+
+BEGIN: Mapping[Answer, str] = MappingProxyType(
+    {"pass": "Yes", "fail": "No", "inconclusive": "Cannot tell"}
+)
+"""The first words of an answer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,7 +211,7 @@ def compared_answers(result: GateResult) -> Counter[Answer]:
 
 
 def headline(result: GateResult) -> str:
-    """Explain the answer in one line.
+    """Explain the answer in one sentence, the same in every output.
 
     Parameters
     ----------
@@ -214,29 +221,53 @@ def headline(result: GateResult) -> str:
     Returns
     -------
     str
-        What was not measured, then what was judged, each with its count; the same line
-        in every output.
+        The answer, what agrees, and what was not measured or does not.
     """
-    endings = result.endings
-    crashed, never = endings["crashed"], endings["pending"]
-    refused = endings["refused"]
-    compared, theory = compared_answers(result), result.counts
-    parts = [
-        f"{_count(crashed, 'cell')} crashed" if crashed else "",
-        f"{_count(refused, 'cell')} refused" if refused else "",
-        f"{_count(never, 'cell')} never run" if never else "",
-        f"{_count(len(result.gaps), 'thing')} not measured as stated"
-        if result.gaps
-        else "",
-        "there was no baseline to compare with" if result.first else "",
-        _judged(theory, "check", "against theory") or "nothing was judged",
-        _uncounted(result.wide),
-        f"{len(result.outside):,} outside theory's range, not judged"
-        if result.outside
-        else "",
-        _judged(compared, "comparison", "with the baseline"),
-    ]
-    return "; ".join(filter(None, parts))
+    return f"{BEGIN[result.answer]}: {outcome(result)}."
+
+
+def outcome(result: GateResult) -> str:
+    """What agrees and what does not, each with its count."""
+    agree, against = _agreement(result)
+    said = " and ".join(agree)
+    if against:
+        said = f"{said}, but {', '.join(against)}" if agree else ", ".join(against)
+    uncounted = ((result.wide, "too wide to count"),
+                 (len(result.outside), "outside theory's range"))  # fmt: skip
+    left = [f"{counted(n, 'row')} {'is' if n == 1 else 'are'} {why}"
+            for n, why in uncounted if n]  # fmt: skip
+    return "; ".join(filter(None, (said, " and ".join(left))))
+
+
+def _agreement(result: GateResult) -> tuple[list[str], list[str]]:
+    """What agrees, and what is missing, disagrees or is not decided."""
+    endings, theory = result.endings, result.counts
+    counts = (
+        (endings["crashed"], "cell", "crashed"),
+        (endings["refused"], "cell", "refused"),
+        (endings["pending"], "cell", "never run"),
+        (len(result.gaps), "thing", "not measured as stated"),
+    )
+    agree = []
+    against = [f"{counted(n, noun)} {how}" for n, noun, how in counts if n]
+    against += ["nothing was judged"] * (not theory.total())
+    against += ["there is no baseline"] * bool(result.first)
+    for what, word, beside, answers in (
+        ("check", "against", "theory", theory),
+        ("comparison", "with", "the baseline", compared_answers(result)),
+    ):
+        total, failed = answers.total(), answers["fail"]
+        unclear = answers["inconclusive"]
+        of = f"of {counted(total, what)} {word} {beside}"
+        if failed:
+            against.append(f"{whole(failed)} {of} fail{'s' * (failed == 1)}")
+        if unclear:
+            are = "is" if unclear == 1 else "are"
+            against.append(f"{whole(unclear)} {of} {are} inconclusive")
+        if total and not failed + unclear:
+            every = f"all {counted(total, what)} agree" if total > 1 else ""
+            agree.append(f"{every or f'the only {what} agrees'} with {beside}")
+    return agree, against
 
 
 def outside_lines(result: GateResult) -> Iterator[str]:
@@ -245,38 +276,12 @@ def outside_lines(result: GateResult) -> Iterator[str]:
     for name, row in result.outside:
         of.setdefault(name.study, []).append((name, row))
     for study, found in of.items():
-        cells = _count(len({name for name, _ in found}), "cell")
-        checks, (name, row) = _count(len(found), "check"), found[0]
+        cells = counted(len({name for name, _ in found}), "cell")
+        checks, (name, row) = counted(len(found), "check"), found[0]
         yield (
             f"outside theory's range, not judged: {study}, {checks} in {cells}; the "
             f"first, {row.statistic} of {name}: {row.outside}"
         )
-
-
-def _judged(answers: Counter[Answer], what: str, beside: str) -> str:
-    """Number of a kind that were judged, and how they ended."""
-    total = answers.total()
-    if not total:
-        return ""
-    failed, unclear = answers["fail"], answers["inconclusive"]
-    if not failed and not unclear:
-        one = total == 1
-        who = f"the only {what}" if one else f"all {_count(total, what)}"
-        return f"{who} {beside} {'agrees' if one else 'agree'}"
-    ends = [f"{failed:,} failed"] if failed else []
-    if unclear:
-        ends.append(f"{unclear:,} {'was' if unclear == 1 else 'were'} inconclusive")
-    return f"of {_count(total, what)} {beside}, {' and '.join(ends)}"
-
-
-def _uncounted(wide: int) -> str:
-    """Number of rows that agree, but are no checks."""
-    are = "is" if wide == 1 else "are"
-    return f"{_count(wide, 'row')} {are} too wide to count" if wide else ""
-
-
-def _count(number: int, what: str) -> str:
-    return f"1 {what}" if number == 1 else f"{number:,} {what}s"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

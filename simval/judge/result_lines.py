@@ -1,18 +1,38 @@
-"""The gate's answer as an account, its failures and changes between runs as text."""
+"""Answers of gate, comparisons and trends as accounts; the gate's failures as text."""
 
-from collections.abc import Iterator, Sequence
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
-from simval.account import Account, Fact, Reply
-from simval.judge import GateResult, Move, RunComparison, Step, findings
-from simval.judge.findings import Finding, Group, details, groups, rounded_up
-from simval.judge.gate import compared_answers
-from simval.judge.trend import WAYS
-from simval.spelling import counted
-from simval.text import one_line
-
-BEGIN = {"pass": "Yes", "fail": "No", "inconclusive": "Cannot tell"}
-"""The first word of an answer."""
+from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
+from simval.judge import (
+    AlgorithmComparison,
+    GateResult,
+    Merit,
+    Move,
+    RunComparison,
+    Step,
+    Trend,
+    findings,
+    headline,
+)
+from simval.judge.algorithms import ACCURACY, FAILING, HONESTY
+from simval.judge.findings import (
+    Finding,
+    Group,
+    details,
+    groups,
+    rounded_up,
+)
+from simval.judge.runs import Origin, origin_of, shared_words
+from simval.judge.steps import Standing, short_names
+from simval.judge.trend import WAYS, ordered_by
+from simval.spelling import counted, duration, measured, rounded, whole
+from simval.sweep.cells import REFUSED
+from simval.sweep.run import Run
+from simval.text import number, one_line
 
 LINES = 8
 """Lines printed of what did not pass; two more say how many others, and the answer."""
@@ -26,22 +46,13 @@ def gate_account(result: GateResult) -> Account:
 
     What did not pass stands below it, one by one (`short_lines`).
     """
-    agree, against = _agreement(result)
-    said = " and ".join(agree)
-    if against:
-        said = f"{said}, but {', '.join(against)}" if agree else ", ".join(against)
-    uncounted = ((result.wide, "too wide to count"),
-                 (len(result.outside), "outside theory's range"))  # fmt: skip
-    left = [f"{counted(n, 'row')} {'is' if n == 1 else 'are'} {why}"
-            for n, why in uncounted if n]  # fmt: skip
-    said = "; ".join(filter(None, (said, " and ".join(left))))
     return Account(
         title="Gate of",
         source=Path(result.folder).name,
         replies=(
             Reply(
                 title="Does the run pass?",
-                headline=f"{BEGIN[result.answer]}: {said}.",
+                headline=headline(result),
                 answer=result.answer,
                 do=" ".join(_to_do(result)),
                 lines=(f"The false-alarm rate is {result.alpha:g} for all together.",),
@@ -49,37 +60,6 @@ def gate_account(result: GateResult) -> Account:
         ),
         facts=[Fact("note", one_line(each), notable=True) for each in result.notes],
     )
-
-
-def _agreement(result: GateResult) -> tuple[list[str], list[str]]:
-    """What agrees, and what is missing, disagrees or is not decided."""
-    endings, theory = result.endings, result.counts
-    counts = (
-        (endings["crashed"], "cell", "crashed"),
-        (endings["refused"], "cell", "refused"),
-        (endings["pending"], "cell", "never run"),
-        (len(result.gaps), "thing", "not measured as stated"),
-    )
-    agree = []
-    against = [f"{counted(n, noun)} {how}" for n, noun, how in counts if n]
-    against += ["nothing was judged"] * (not theory.total())
-    against += ["there is no baseline"] * bool(result.first)
-    for what, word, beside, answers in (
-        ("check", "against", "theory", theory),
-        ("comparison", "with", "the baseline", compared_answers(result)),
-    ):
-        total, failed = answers.total(), answers["fail"]
-        unclear = answers["inconclusive"]
-        of = f"of {counted(total, what)} {word} {beside}"
-        if failed:
-            against.append(f"{failed:,} {of} fail{'s' * (failed == 1)}")
-        if unclear:
-            are = "is" if unclear == 1 else "are"
-            against.append(f"{unclear:,} {of} {are} inconclusive")
-        if total and not failed + unclear:
-            every = f"all {counted(total, what)} agree" if total > 1 else ""
-            agree.append(f"{every or f'the only {what} agrees'} with {beside}")
-    return agree, against
 
 
 def _to_do(result: GateResult) -> Iterator[str]:
@@ -152,53 +132,324 @@ def _indented(lines: Sequence[str]) -> Iterator[str]:
     yield from (f"    {line}" for line in rest)
 
 
-SHOWN = 12
-"""Kinds of change printed with the value that moved most; the others are counted."""
+class Failures(NamedTuple):
+    """Cells of a run that have no result."""
+
+    first: Sequence[tuple[str, str]]  # the name of a cell, and why
+    failed: int  # crashed or refused
+    refused: int
 
 
-def changes_headline(found: RunComparison) -> str:
-    """Number of values that changed, by direction."""
-    changed, within = found.kinds.count("changed"), found.kinds.count("moved")
-    ways = [f"{found.count(way):,} {way}" for way in WAYS if found.count(way)]
-    return (
-        f"{changed:,} of {found.total:,} common statistics changed "
-        f"beyond their uncertainty{': ' if ways else ''}{', '.join(ways)}; "
-        f"{within:,} moved within it on the same noise; false-alarm rate "
-        f"{found.alpha:g} for all together"
+def run_account(
+    folder: Path,
+    suite: str,
+    cells: int,
+    seconds: float,
+    failures: Failures,
+    judged: GateResult | None,
+) -> Account:
+    """State what became of a run's cells, whether they agree with theory, what next."""
+    place = shlex.quote(str(folder))
+    crashed = failures.failed - failures.refused
+    of, took = f"of suite {suite}", duration(seconds)
+    said = f"Yes: all {counted(cells, 'cell')} {of}, in {took}."
+    if cells == 1:
+        how = "crashed" if crashed else "was refused" if failures.failed else "is done"
+        said = f"{'No' if failures.failed else 'Yes'}: the only cell {how}, in {took}."
+    elif failures.failed:
+        were = "was" if failures.refused == 1 else "were"
+        parts = [f"{whole(crashed)} crashed"] * bool(crashed)
+        parts += [f"{whole(failures.refused)} {were} refused"] * bool(failures.refused)
+        said = f"No: of {whole(cells)} cells {of} {' and '.join(parts)}, in {took}."
+    do = f"`simval repro --run {place} CELL` computes one again." * bool(
+        failures.failed
     )
-
-
-def move_lines(moves: Sequence[tuple[str, Move]], every: bool = False) -> Iterator[str]:
-    """Moves after their heads, each with the value that moved most, or with all."""
-    for head, move in moves if every else moves[:SHOWN]:
-        yield f"{head}: {move.sentence}"
-        for step in move.steps if every else move.steps[:1]:
-            yield f"    {value_line(step)}"
-    hidden = () if every else moves[SHOWN:]
+    next_one = (
+        f"`simval gate {place}` compares it with the baseline, `simval report {place}` "
+        "writes its page."
+    )
+    replies = [
+        Reply(
+            title="Were all cells computed?",
+            headline=said,
+            answer="fail" if crashed else "inconclusive" if failures.failed else "pass",
+            do=do
+            if judged is not None and judged.verdicts
+            else f"{do} {next_one}".strip(),
+        )
+    ]
+    if judged is not None and judged.verdicts:
+        whole_of = replace(judged, unfinished=())
+        replies.append(
+            Reply(
+                title="Do the results agree with theory?",
+                headline=headline(whole_of),
+                answer=whole_of.answer,
+                do=next_one,
+            )
+        )
+    facts = []
+    for name, error in failures.first:
+        refused = error.startswith(REFUSED)
+        last = error.strip().splitlines()[-1].removeprefix(REFUSED if refused else "")
+        label = "refused" if refused else "crashed"
+        facts.append(Fact(label, one_line(f"{name}: {last}"), notable=True))
+    hidden = failures.failed - len(failures.first)
     if hidden:
-        values = sum(len(move.steps) for _, move in hidden)
-        yield f"... and {len(hidden)} more kinds ({values} values); --all shows them"
+        more = f"{counted(hidden, 'more cell')}: all are in the report"
+        facts.append(Fact("...", more, notable=True))
+    return Account(
+        title="Run", source=folder.name, replies=replies,
+        values=[Values(title="What failed", facts=facts)] if facts else [],
+    )  # fmt: skip
 
 
-def other_lines(found: RunComparison) -> Iterator[str]:
-    """Differences of environment, cells that only one run has, changed predictions."""
-    for line in found.environment:
-        yield f"environment: {line}"
-    for name, missing in (("A", found.only_a), ("B", found.only_b)):
-        if missing:
-            yield f"{len(missing)} only in {name}: {missing[0]}"
-    predictions = found.predictions_changed
-    if predictions:
-        yield f"{predictions} predictions of theory changed"
+SHOWN = 8
+"""Kinds of change that a short view has; the others are counted."""
 
 
-def value_line(step: Step) -> str:
-    """One value before and after, with its cell."""
-    sigmas, relative = step.sigmas, step.relative
-    size = "no chance involved" if sigmas is None else f"{sigmas:+.3g} standard errors"
-    share = "" if relative is None else f", {100.0 * relative:+.3g} %"
-    unit = "" if step.statistic.unit == "1" else f" {step.statistic.unit}"
-    return (
-        f"{step.cell} {step.statistic}: {step.before:.6g} -> {step.after:.6g}{unit}, "
-        f"{size}{share}"
+def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
+    """State what changed from one run to another, and which way."""
+    changed, total = found.kinds.count("changed"), whole(found.total)
+    settings = short_names(b.cells)
+    dependencies = [Fact("differs", each, notable=True) for each in found.environment]
+    alone = [
+        Fact(f"only in {name}", f"{whole(len(names))}, the first {names[0]}", True)
+        for name, names in (("A", found.only_a), ("B", found.only_b))
+        if names
+    ]
+    if not found.total:
+        said = f"Cannot tell: they have nothing in common; {shared_words(a, b)}."
+    elif changed:
+        each = " changed" if found.total == 1 else "s changed"
+        said = f"Yes: {whole(changed)} of {total} value{each}: {_ways(found.count)}."
+    else:
+        said = f"No change in {counted(found.total, 'value')}."
+    lines = []
+    if found.within:
+        lines.append(
+            f"{whole(found.within)} of them changed by less than chance may: the noise "
+            "is the same, so the algorithm or its environment is not."
+        )
+    if found.predictions_changed:
+        count = counted(found.predictions_changed, "prediction")
+        alone.append(Fact("theory", f"{count} changed", notable=True))
+    lines.append(f"The false-alarm rate is {found.alpha:g} for all together.")
+    return Account(
+        title="Comparison of",
+        source=f"{a.folder.name} (A) and {b.folder.name} (B)",
+        said=f"A is {origin_of(a).words}. B is {origin_of(b).words}.",
+        replies=[
+            Reply(
+                title="Did the results change?",
+                headline=said,
+                answer=_verdict(found.total, found.count),
+                do="Look at what differs between the runs."
+                if changed and dependencies
+                else "",
+                lines=tuple(lines),
+            )
+        ],
+        values=_changes([("", move) for move in found.moves], settings),
+        facts=[*dependencies, *alone],
     )
+
+
+def _verdict(total: int, count: Callable[[Standing], int]) -> Answer:
+    """Bad news if anything is worse, and no news if it cannot be told."""
+    if count("worse"):
+        return "fail"
+    return "inconclusive" if not total or count("neither") else "pass"
+
+
+def _ways(count: Callable[[Standing], int]) -> str:
+    """How many changed which way."""
+    names = {
+        "worse": "worse",
+        "better": "better",
+        "neither": "neither better nor worse",
+    }
+    return ", ".join(f"{whole(count(way))} {names[way]}" for way in WAYS if count(way))
+
+
+def _changes(
+    moves: Sequence[tuple[str, Move]], settings: Mapping[str, str]
+) -> list[Values]:
+    """Each kind of change with the value that moved most, and all values at length.
+
+    Before a move stands since when it is so, where it is of a series.
+    """
+    facts = []
+    for place, (since, move) in enumerate(moves):
+        most = f"{since}{move.sentence}: {one_line(_value(move.worst, settings))}"
+        facts.append(Fact(move.way, most, notable=place < SHOWN))
+        facts += [
+            Fact(move.way, one_line(f"{_value(each, settings)}{_size(each)}"))
+            for each in move.steps[1:]
+        ]
+    if hidden := moves[SHOWN:]:
+        values = sum(len(move.steps) for _, move in hidden)
+        more = f"{counted(values, 'value')} of {counted(len(hidden), 'more kind')}"
+        facts.append(Fact("...", more, notable=True))
+    title = "What changed, the largest first"
+    return [Values(title=title, facts=facts)] if facts else []
+
+
+def _value(step: Step, settings: Mapping[str, str]) -> str:
+    """One value before and after, with its cell."""
+    unit = "" if step.statistic.unit == "1" else f" {step.statistic.unit}"
+    place = settings.get(step.cell, step.cell)
+    return (
+        f"{step.statistic} {rounded(step.before, 4)} -> {rounded(step.after, 4)}{unit}"
+        f"{f' at {place}' if place else ''}"
+    )
+
+
+def _size(step: Step) -> str:
+    """By how much a value changed."""
+    sigmas, relative = step.sigmas, step.relative
+    size = "" if sigmas is None else f", {sigmas:+.3g} standard errors"
+    return size + ("" if relative is None else f", {100.0 * relative:+.3g} %")
+
+
+def trend_account(trend: Trend) -> Account:
+    """State what became better or worse over a series of runs, and since when."""
+    runs = counted(len(trend.origins), "run")
+
+    def count(way: Standing) -> int:
+        lines = {each.line for each in trend.breaks if each.step.standing == way}
+        return len(lines)
+
+    values = counted(len(trend.lines), "value")
+    said = f"No: none of {values} has a step."
+    if not trend.lines:
+        said = "Cannot tell: the runs have nothing in common."
+    elif trend.changed:
+        has = "has" if trend.changed == 1 else "have"
+        said = f"Yes: {whole(trend.changed)} of {values} {has} a step: {_ways(count)}."
+    heads = *WAYS, "within chance"
+    lines = []
+    for run, origin in enumerate(trend.origins):
+        steps = (*(trend.count(run, way) for way in WAYS), trend.within[run])
+        cells = [Quantity(head, n or None, missing=".")
+                 for head, n in zip(heads, steps, strict=True)]  # fmt: skip
+        lines.append(Line(label=one_line(_row(origin)), unit="", cells=cells))
+    moves = [
+        (f"since {one_line(_since(trend.origins[run]))}: ", move)
+        for run, move in trend.moves
+    ]
+    return Account(
+        title="Trend of",
+        source=f"{runs} of suite {trend.origins[-1].suite}",
+        said=f"They are ordered by {ordered_by(trend.origins)}.",
+        replies=[
+            Reply(
+                title="Did the results change?",
+                headline=said,
+                answer=_verdict(len(trend.lines), count),
+                lines=(f"The false-alarm rate is {trend.alpha:g} for all together.",),
+            )
+        ],
+        values=[
+            Values(title="Values with a step, by run", lines=lines, heads=heads),
+            *_changes(moves, trend.settings),
+        ],
+    )
+
+
+def _since(origin: Origin) -> str:
+    """The commit of a run, and its folder."""
+    if origin.label == origin.name:
+        return origin.name
+    return f"{origin.label} ({origin.name})"
+
+
+def _row(origin: Origin) -> str:
+    """Where a run comes from, in a table."""
+    day = (origin.committed or origin.started)[:10]
+    seeds = f"seed {' '.join(map(str, origin.seeds))}"
+    return ", ".join(filter(None, (origin.name, origin.commit, day, seeds)))
+
+
+ACCOUNTED = 40
+"""Qualities of two algorithms that a short view has; the others are counted."""
+
+
+def algorithms_account(
+    found: AlgorithmComparison, times: float | None = None
+) -> Account:
+    """State where one algorithm is better or worse than another, and by how much."""
+    first, second = found.names
+    better, worse, same = found.of("better"), found.of("worse"), found.of("same")
+    total = len(found.merits)
+    if not total:
+        said = "Cannot tell: they have nothing in common."
+    elif not better and not worse:
+        said = f"No difference in {counted(total, 'value')}."
+    else:
+        begin = "Yes" if not worse else "No" if not better else "In part"
+        counts = ((better, "better"), (worse, "worse"), (same, "the same"))
+        ways = (f"{way} in {whole(len(own))}" for own, way in counts if own)
+        said = f"{begin}: {', '.join(ways)} of {counted(total, 'value')}."
+    apart = sorted((*better, *worse), key=lambda merit: -merit.weight)
+    facts = [
+        Fact(merit.standing, _merit(merit, first, second), notable=place < ACCOUNTED)
+        for place, merit in enumerate(apart)
+    ]
+    if apart[ACCOUNTED:]:
+        more = counted(len(apart) - ACCOUNTED, "more value")
+        facts.append(Fact("...", more, notable=True))
+    facts += [Fact("same", words, notable=True) for words in _same(same)]
+    if found.alone:
+        cells = counted(len(found.alone), "cell")
+        words = f"{cells}, the first {found.alone[0]}"
+        facts.append(Fact("only one has", one_line(words), notable=True))
+    if times is not None:
+        words = f"a call of {first} takes {times:.2g} times that of {second}"
+        facts.append(Fact("time", f"{words} (processor time, not judged)", True))
+    return Account(
+        title="Comparison of",
+        source=f"{first} and {second}",
+        replies=[
+            Reply(
+                title=f"Is {first} better than {second}?",
+                headline=said,
+                answer="fail" if worse else "pass" if better else "inconclusive",
+                lines=(f"The false-alarm rate is {found.alpha:g} for all together.",),
+            )
+        ],
+        values=[Values(title="Each by its size", facts=facts)],
+    )
+
+
+def _merit(merit: Merit, first: str, second: str) -> str:
+    """One quality of both, and by how much they differ."""
+    accurate = merit.what == ACCURACY
+    size, error = merit.difference, merit.error
+    numbers = f"{first} {merit.a:.4g}, {second} {merit.b:.4g}"
+    if accurate:
+        size, error = 100.0 * abs(size), 100.0 * error
+        numbers += " times the bound"
+    amount = measured(size, error) if error > 0.0 else rounded(size, 3)
+    if accurate:
+        amount += f" % {'less' if merit.standing == 'better' else 'more'}"
+    where = merit.setting if error > 0.0 or accurate else ""  # else it is of all
+    what = " at ".join(filter(None, (merit.what, where)))
+    return f"{what}: {amount} ({numbers})"
+
+
+def _same(same: Sequence[Merit]) -> Iterator[str]:
+    """Of each kind of quality that is the same how great a difference may be."""
+    for what in (ACCURACY, HONESTY):
+        own = [merit for merit in same if merit.what == what]
+        if own:
+            widest = max(merit.within for merit in own)
+            factor, unit = (100.0, " %") if what == ACCURACY else (1.0, "")
+            bound = number(factor * widest, 2, factor)
+            yield (
+                f"{what} in {counted(len(own), 'setting')}: no difference beyond "
+                f"chance, and none above {bound}{unit} (95 % each)"
+            )
+    classes = sum(merit.what.startswith(FAILING) for merit in same)
+    if classes:
+        yield f"{FAILING} in {counted(classes, 'class', 'classes')}"

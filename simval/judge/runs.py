@@ -8,17 +8,18 @@ Of a statistic that both have, with standard errors :math:`s_A, s_B`, the differ
 
 .. math:: s = \sqrt{s_A^2 + s_B^2}  \tag{D1}
 
-which holds for independent noise and is generous for cells of the same name and seed,
-which draw the same noise. :math:`p = 2\Phi(-|d|/s)`; all p-values together share the
-false-alarm rate by Holm's rule. A deterministic statistic changed if it moved by more
-than `EXACT_BOUND` of its size. One with a limit (`limit`) is rounding noise below it,
-and changed if it crossed the limit.
+if their noise is independent. :math:`p = 2\Phi(-|d|/s)`; all p-values together share
+the false-alarm rate by Holm's rule. Cells of the same name and seed draw the same
+noise: there a value changed if it moved by more than rounding, as for the gate
+(`simval.judge.comparison`), and its error is that of the value before. One with a limit
+is rounding noise below it, and changed if it crossed the limit. A value of one
+draw that states no error is not compared with one of another seed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import hypot, isfinite
+from math import isfinite
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -33,15 +34,9 @@ from simval.change import (
     question,
     two_sided,
 )
-from simval.judge.steps import (
-    Move,
-    Standing,
-    Step,
-    loss_change,
-    moved,
-    rounding_of,
-    standing,
-)
+from simval.judge.baseline import Entry, by_statistic, entry_of
+from simval.judge.comparison import bounds_on_same_noise, way_of
+from simval.judge.steps import Move, Standing, Step, moved, rounding_of
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.identity import other_machines
@@ -49,7 +44,7 @@ from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
 from simval.verdict import ALPHA
 
-Kind = Literal["changed", "moved", "same"]
+Kind = Literal["changed", "same"]
 
 SHORT = 10
 """Digits of a commit that a person needs."""
@@ -103,29 +98,24 @@ def origin_of(run: Run) -> Origin:
 class Difference(Step):
     """One statistic in both runs: its step, and the rows that it is between.
 
-    The standard error is that of eq. (D1). Theories that the same value is compared
-    with are one difference; `a` and `b` are the rows of the first one.
+    The standard error is that of eq. (D1), on the same noise that of the value before.
+    Theories that the same value is compared with are one difference; `a` and `b` are
+    the rows of the first one.
     """
 
     cell_a: str  # name of the cell in A; `cell` is that in B
     a: Row
     b: Row
-    # ``changed`` beyond its uncertainty; ``moved`` within it, though the noise was the
-    # same, so the algorithm is not; ``same``
     kind: Kind
     p_value: float | None  # None where the statistic is deterministic
     predictors: tuple[str, ...]
+    prediction_changed: bool  # of one of them
 
     @property
     def name(self) -> str:
         """Statistic, and the theories it is compared with."""
         theories = "; ".join(p for p in self.predictors if p)
         return f"{self.statistic}{' against ' if theories else ''}{theories}"
-
-    @property
-    def prediction_changed(self) -> bool:
-        """True if the prediction itself changed."""
-        return prediction_changed(self.a, self.b)
 
 
 class Pair(NamedTuple):
@@ -135,7 +125,14 @@ class Pair(NamedTuple):
     new: CellResult
     a: Row
     b: Row
+    entries: tuple[Entry, Entry]  # as a baseline has them
     theories: list[str]
+    moved: int  # theories whose prediction changed
+
+    @property
+    def same_noise(self) -> bool:
+        """True if both have drawn the same noise."""
+        return self.old.name == self.new.name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +141,9 @@ class RunComparison:
 
     pairs: tuple[Pair, ...]  # a statistic in both
     kinds: tuple[Kind, ...]  # of each pair
-    errors: tuple[float, ...]  # standard errors of the differences, eq. (D1)
+    errors: tuple[float, ...]  # standard errors of the differences
     p_values: tuple[float, ...]  # of those that have a standard error
+    within: int  # that changed on the same noise by less than chance may between seeds
     standings: Mapping[int, Standing]  # of the pairs that changed
     # names of finished cells, or cell and statistic, that only one run has
     only_a: tuple[str, ...]
@@ -161,12 +159,12 @@ class RunComparison:
     @property
     def predictions_changed(self) -> int:
         """Number of predictions that changed."""
-        return sum(prediction_changed(pair.a, pair.b) for pair in self.pairs)
+        return sum(pair.moved for pair in self.pairs)
 
     @cached_property
     def differences(self) -> tuple[Difference, ...]:
         """All differences: changed ones first, each by how far it moved."""
-        return (*self.of("changed"), *self.of("moved"), *self.of("same"))
+        return (*self.of("changed"), *self.of("same"))
 
     @property
     def moves(self) -> tuple[Move, ...]:
@@ -187,7 +185,7 @@ class RunComparison:
 
         Parameters
         ----------
-        kind : {"changed", "moved", "same"}
+        kind : {"changed", "same"}
             Which.
 
         Returns
@@ -215,7 +213,7 @@ class RunComparison:
         return sum(each == standing for each in self.standings.values())
 
     def _difference(self, i: int) -> Difference:
-        old, new, a, b, theories = self.pairs[i]
+        old, new, a, b, _, theories, moved = self.pairs[i]
         return Difference(
             study=new.study,
             cell=new.name,
@@ -232,6 +230,7 @@ class RunComparison:
             kind=self.kinds[i],
             p_value=self.p_values[i] if self.errors[i] > 0.0 else None,
             predictors=tuple(theories),
+            prediction_changed=moved > 0,
         )
 
 
@@ -282,16 +281,17 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
     for old, new in cells:
         before = {row.key: row for row in old.rows}
         after = {row.key: row for row in new.rows}
-        pairs += _pairs_of(old, new, before, after)
+        pairs += _pairs_of(old, new)
         if before.keys() != after.keys():
             only_a += [f"{old.name} {_named(k)}" for k in before if k not in after]
             only_b += [f"{new.name} {_named(k)}" for k in after if k not in before]
-    kinds, errors, p_values, standings = _judged(pairs, alpha)
+    kinds, errors, p_values, within, standings = _judged(pairs, alpha)
     return RunComparison(
         pairs=tuple(pairs),
         kinds=kinds,
         errors=errors,
         p_values=p_values,
+        within=within,
         standings=standings,
         only_a=tuple(only_a),
         only_b=tuple(only_b),
@@ -311,23 +311,20 @@ def _dependencies(run: Run) -> Mapping[str, object]:
     return {**own, "other machines": others} if others else own
 
 
-def _pairs_of(
-    old: CellResult,
-    new: CellResult,
-    before: Mapping[tuple[Statistic, str], Row],
-    after: Mapping[tuple[Statistic, str], Row],
-) -> list[Pair]:
-    merged: dict[tuple[object, ...], Pair] = {}
-    for key, a in before.items():
-        b = after.get(key)
-        if b is None:
-            continue
-        # apart where theory moved or a limit judges, so that neither is lost
-        own = key[1] if a.check == "limit" or prediction_changed(a, b) else ""
-        measured = (a.value, a.standard_error, b.value, b.standard_error)
-        pair = merged.setdefault((key[0], own, *measured), Pair(old, new, a, b, []))
-        pair.theories.append(key[1])
-    return list(merged.values())
+def _pairs_of(old: CellResult, new: CellResult) -> Iterator[Pair]:
+    """Each statistic that both cells have."""
+    groups = by_statistic(new.rows)
+    for name, before in by_statistic(old.rows).items():
+        after = {row.predictor: row for row in groups.get(name, ())}
+        pairs = [(a, after[a.predictor]) for a in before if a.predictor in after]
+        if pairs:
+            a, b = pairs[0]
+            yield Pair(
+                old, new, a, b,
+                (entry_of(before), entry_of(groups[name])),
+                [row.predictor for row, _ in pairs],
+                sum(prediction_changed(*each) for each in pairs),
+            )  # fmt: skip
 
 
 def prediction_changed(a: Row, b: Row) -> bool:
@@ -343,58 +340,45 @@ def prediction_changed(a: Row, b: Row) -> bool:
 @np.errstate(all="ignore")  # what is no number has changed
 def _judged(
     pairs: Sequence[Pair], alpha: float
-) -> tuple[tuple[Kind, ...], tuple[float, ...], tuple[float, ...], dict[int, Standing]]:
+) -> tuple[
+    tuple[Kind, ...], tuple[float, ...], tuple[float, ...], int, dict[int, Standing]
+]:
     """Judge pairs of statistics together: kinds, errors, p-values, and ways."""
-    rows = [pair.a for pair in pairs]
-    before = np.array([pair.a.value for pair in pairs], dtype=float)
-    after = np.array([pair.b.value for pair in pairs], dtype=float)
-    error = np.array(
-        [hypot(pair.a.standard_error, pair.b.standard_error) for pair in pairs],
-        dtype=float,
-    )
+    both = [pair.entries for pair in pairs]
+    numbers = [(p.a.value, p.b.value, p.a.standard_error, p.b.standard_error)
+               for p in pairs]  # fmt: skip
+    before, after, *errors = np.array(numbers, dtype=float).reshape(-1, 4).T
+    paired = np.array([pair.same_noise for pair in pairs], dtype=bool)
+    limits = np.array([[e.value is None for e in each] for each in both], dtype=bool)
+    below, now_below = limits.reshape(-1, 2).T
+    spread = np.hypot(*errors)
+    error = np.where(paired, errors[0], spread)
     sampled = error > 0.0
-    p = two_sided(after - before, error)
+    p = two_sided(after - before, spread)
     limit = np.full(len(pairs), -np.inf)
     limit[sampled] = holm(p[sampled], alpha)
-    still = on_same_noise(before, after, rounding_of(rows, error)) != "changed"
-    same_noise = [
-        pair.old.name == pair.new.name and pair.a.n == pair.b.n for pair in pairs
-    ]
-    limited, crossed = (
-        (
-            np.array(each, dtype=bool)
-            for each in zip(*(_limits(pair.a, pair.b) for pair in pairs), strict=True)
-        )
-        if pairs
-        else (sampled, sampled)
-    )
-    kinds = np.select(
-        [
-            limited & ~crossed,
-            limited | (sampled & ~(p > limit)),
-            still,
-            ~sampled,
-            np.array(same_noise, dtype=bool),
-        ],
-        ["same", "changed", "same", "changed", "moved"],
-        "same",
-    ).tolist()
+    chance = ~(p > limit)  # beyond it
+    rounding = rounding_of([pair.a for pair in pairs], spread)
+    bound = np.where(paired, bounds_on_same_noise(both), rounding)
+    moved = on_same_noise(before, after, bound) == "changed"
+    once = np.array([p.b.statistic.family.one_draw for p in pairs], dtype=bool)
+    moved &= paired | (~sampled & ~once) | chance
+    changed = np.where(below | now_below, below != now_below, moved)
     standings: dict[int, Standing] = {}
-    for i in np.flatnonzero(np.array(kinds) == "changed").tolist():
+    aim = float(-scipy.special.ndtri(alpha / max(len(pairs), 1) / 2.0))
+    for i in np.flatnonzero(changed).tolist():
         a, b = pairs[i].a, pairs[i].b
-        least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
-        if sampled[i]:
+        crossed = below[i] or now_below[i] or not isfinite(bound[i])
+        least = 0.0 if crossed else float(bound[i])
+        far = aim * float(error[i])
+        if sampled[i] and not paired[i]:
             least = -float(scipy.special.ndtri(limit[i] / 2.0)) * float(error[i])
         values, predictions = (a.value, b.value), (a.prediction, b.prediction)
-        standings[i] = standing(loss_change(b.statistic, values, predictions), least)
-    return tuple(kinds), tuple(error.tolist()), tuple(p.tolist()), standings
-
-
-def _limits(a: Row, b: Row) -> tuple[bool, bool]:
-    """True where a limit judges both; True where one alone is below it."""
-    if not a.check == b.check == "limit" or a.prediction is None:
-        return False, False
-    return True, (a.value <= a.prediction) != (b.value <= (b.prediction or 0.0))
+        standings[i] = way_of(b.statistic, values, predictions, least, far)
+    kinds: tuple[Kind, ...] = tuple("changed" if each else "same" for each in changed)
+    within = int(np.sum(changed & paired & sampled & ~chance))
+    columns = tuple(error.tolist()), tuple(p.tolist())
+    return kinds, *columns, within, standings
 
 
 def shared_words(a: Run, b: Run) -> str:

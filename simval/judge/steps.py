@@ -29,6 +29,7 @@ from simval.change import rounding_bound
 from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import Statistic
+from simval.sweep.cells import CellResult
 
 Standing = Literal["better", "worse", "neither"]
 
@@ -131,14 +132,9 @@ class Move:
     def sentence(self) -> str:
         """The change in words but for its direction: what, by how much and where."""
         sigmas = self.sigmas
-        size = (
-            "no chance involved"
-            if sigmas is None
-            else f"up to {_digits(sigmas)} standard errors"
-        )
-        one = self.of == 1
-        where = "its only cell" if one else f"{self.cells} of {self.of} cells"
-        return f"{self.study}, {self.what}: {self.size} in {where}, {size}"
+        far = "" if sigmas is None else f", up to {_digits(sigmas)} standard errors"
+        where = "" if self.of == 1 else f" in {self.cells} of {self.of} cells"
+        return f"{self.study}, {self.what}: {self.size}{where}{far}"
 
     def _distance(self, aim: str) -> str:
         """Change of the distance from what is aimed at."""
@@ -258,6 +254,22 @@ def moved(
         for (study, what, way), members in groups.items()
     ]
     return tuple(sorted(moves, key=lambda m: (-m.worst.weight, m.study, m.what)))
+
+
+def short_names(cells: Iterable[CellResult]) -> dict[str, str]:
+    """What sets each cell apart from the others of its study, by its name."""
+    studies: dict[str, list[CellResult]] = {}
+    for cell in cells:
+        studies.setdefault(cell.study, []).append(cell)
+    found = {}
+    for own in studies.values():
+        tables = [{**cell.parameters, "seed": cell.seed} for cell in own]
+        keys = [key for key in tables[0]
+                if len({str(each.get(key)) for each in tables}) > 1]  # fmt: skip
+        for cell, each in zip(own, tables, strict=True):
+            words = (f"{key} {each[key]}" for key in keys if key in each)
+            found[cell.name] = ", ".join(words)
+    return found
 
 
 def rounding_of(rows: Sequence[Row], error: ArrayLike) -> Float[Array, " n"]:

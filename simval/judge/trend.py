@@ -6,13 +6,13 @@ cells of a run in the order of their seeds, and its name. Values of a row that a
 judges are rounding noise below it, so they count as the limit there.
 
 A line is constant but for steps (`simval.judge.levels`, eq. (D4)); without chance,
-every change beyond rounding is one. The lines share the false-alarm rate by Holm's
-rule; a second step in a line needs its even share. A step is better or worse as between
-two runs, eq. (D3).
+every change beyond rounding is one, of a value of one draw only on the same seed.
+The lines share the false-alarm rate by Holm's rule; a second step in a line needs its
+even share. A step is better or worse as between two runs, eq. (D3).
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -34,6 +34,7 @@ from simval.judge.steps import (
     loss_change,
     moved,
     rounding_of,
+    short_names,
     standing,
 )
 from simval.results import Row
@@ -211,6 +212,7 @@ class Trend:
     # of each run, how many values moved within their uncertainty though the noise was
     # that of the run before: the algorithm or its environment changed
     within: tuple[int, ...]
+    settings: Mapping[str, str]  # what sets each cell apart from its study's others
     alpha: float  # false-alarm rate that all lines share
 
     @property
@@ -286,10 +288,11 @@ def trend_of(runs: Sequence[Run], alpha: float = ALPHA) -> Trend:
             if isfinite(old.value) != isfinite(new.value)  # a number became none
         ]
         if series is None:
-            bounds = rounding_of([point.row for point in points], 0.0)
+            pairs = list(_neighbours(points))
+            bounds = rounding_of([old.row for old, _ in pairs], 0.0)
             steps += [
                 (new.run, (old.value, new.value, 0.0), float(bound))
-                for (old, new), bound in zip(pairwise(points), bounds, strict=False)
+                for (old, new), bound in zip(pairs, bounds, strict=True)
                 if abs(new.value - old.value) > bound
             ]
         else:
@@ -312,8 +315,23 @@ def trend_of(runs: Sequence[Run], alpha: float = ALPHA) -> Trend:
         lines=lines,
         breaks=tuple(sorted(breaks, key=lambda each: (each.line, each.run))),
         within=_within(len(runs), lines, breaks),
+        settings={k: v for run in runs for k, v in short_names(run.cells).items()},
         alpha=alpha,
     )
+
+
+def _neighbours(points: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
+    """Points without chance, each after the one that it may be compared with.
+
+    What is of one draw of the noise is compared with the last of the same seed: another
+    seed is no change of code.
+    """
+    last: dict[int, Point] = {}
+    for point in points:
+        of = point.seed if point.row.statistic.family.one_draw else -1
+        if of in last:
+            yield last[of], point
+        last[of] = point
 
 
 def _series(line: Line) -> Series | None:

@@ -328,8 +328,8 @@ class FoundWorld:
     def words(self) -> str:
         """Description of the found world."""
         more = f", and in {', '.join(self.alike)} alike" if self.alike else ""
-        off = f"{np.degrees(self.stray):.2g}"
-        return f"stays in {self.world} within {off} degrees{more}"
+        off = f"{np.degrees(self.stray):.2g}°"
+        return f"attitude in {self.world}{more}; without noise it stays within {off}"
 
 
 @where_it_lives

@@ -436,12 +436,11 @@ def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
         suites = [run.manifest["suite"] for run in (against.run, context.run)]
         return _apart(name, name, *suites)
     changes = [_of_step(step) for step in found.of("changed")]
-    moved, same = found.kinds.count("moved"), found.kinds.count("same")
-    notes = [f"{moved:,} moved within their uncertainty"] if moved else []
+    same = found.kinds.count("same")
     alone = len(found.only_a) + len(found.only_b)
-    notes += [f"{alone:,} only in one run"] if alone else []
+    notes = [f"{alone:,} only in one run"] if alone else []
     notes += ["another environment"] if found.environment else []
-    return _told(name, changes, same + moved, 0, notes)
+    return _told(name, changes, same, 0, notes)
 
 
 def _told(

@@ -1,29 +1,17 @@
-"""The page of a log's calibration: how good, whether honest, what to do next.
-
-Parameters stand as entries of T, K and B; a person reads their errors as milliradians,
-parts per million and the force that a bias stands for.
-"""
-
-from collections.abc import Sequence
+"""The page of a log's calibration: how good, whether to be trusted, what to do next."""
 
 import numpy as np
 
-from simval.account import Account, Note
+from simval.account import Account
 from simval.arrays import Array
-from simval.imu.calibrate import FitResult
-from simval.imu.calibrate.values import G_NAMES
 from simval.imu.logs import Log
 from simval.imu.multiposition import LogCalibration
 from simval.imu.multiposition.description import (
-    bound_sd,
-    fit_of,
     honest,
     poses_alike,
     steady,
     with_log,
 )
-from simval.imu.sensor import forms
-from simval.imu.sensor.readable import readable
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
 from simval.report.log_page import (
@@ -35,17 +23,10 @@ from simval.report.log_page import (
 )
 from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
-from simval.report.table import Column, Table
 from simval.shapes import Float
 
 PROBES = 4000
 """Directions that the largest gap is looked for in: 3 degrees apart."""
-
-MEANING = (
-    "The error bar is the standard deviation in units that a person reads: of a scale "
-    "relative, of a bias as the force that it stands for. The bound is the least "
-    "standard deviation that the noise would allow with these poses (Cramér-Rao)."
-)
 
 
 def render_calibration(
@@ -75,70 +56,19 @@ def render_calibration(
 def calibration_page(
     log: Log, whole: LogCalibration, command: str = "", account: Account | None = None
 ) -> LogPage:
-    """State the figures and tables of a calibration beside its account."""
-    account = account or with_log(whole.account, log)
-    fit = whole.accelerometer
-    bound = bound_sd(whole)
-    notes = [Note(words=MEANING), *account.notes]
-    if joint := fit_of(whole):
-        words = f"The accelerometer's parameters are those of the {joint}."
-        notes.insert(0, Note(words=words))
+    """State the figures of a calibration beside its account."""
     others = gyroscope_chapter(whole), magnetometer_chapter(whole)
     return LogPage(
-        account=account,
+        account=account or with_log(whole.account, log),
         log=log,
-        tables=[_parameters(fit, bound)],
-        notes=notes,
         chapters=(
+            made([_lengths(log, whole)]).under("lengths", "Length at rest"),
             made([_residuals(whole)]).under("residuals", "Residual of each pose"),
             made([_coverage(log, whole)]).under("coverage", "Where the poses are"),
             *(section for section in others if section is not None),
             made([_signals(log, whole)]).under("signals", "Static intervals"),
         ),
         command=command,
-    )
-
-
-def _parameters(fit: FitResult, bound: Float[Array, "9"]) -> Table:
-    entries = forms.entries(fit.model)
-    signs = np.array([[sign] for _, sign in entries])
-    rows = [
-        (
-            name,
-            sign * value,
-            f"{bar:.2g} {unit.name}" if np.isfinite(bar) else "",
-            sd,
-            least,
-            sd / least if least > 0.0 else None,
-            *ends,
-        )
-        for (name, sign), value, (bar, unit), sd, least, ends in zip(
-            entries,
-            fit.parameters.tolist(),
-            readable(fit, fit.sd),
-            fit.sd.tolist(),
-            bound.tolist(),
-            np.sort(signs * fit.intervals, axis=1).tolist(),
-            strict=True,
-        )
-    ]
-    return Table(
-        name="parameters",
-        caption=(
-            f"Parameters of the {fit.model} form, as they stand in T, K and B; K in "
-            "m/s² for each unit of the log, B in its units"
-        ),
-        columns=(
-            Column("parameter", "code"),
-            Column("value", "number", 8),
-            Column("error bar"),
-            Column("standard deviation", "number", 3),
-            Column("bound", "number", 3),
-            Column("over the bound", "number", 3),
-            Column("95 % from", "number", 8),
-            Column("to", "number", 8),
-        ),
-        rows=rows,
     )
 
 
@@ -175,6 +105,45 @@ def _lines(log: Log, rows: Float[Array, "n 3"]) -> list[Series]:
     return [
         signal(log.time, rows[:, i], COLOURS[i], axis) for i, axis in enumerate("xyz")
     ]
+
+
+def _lengths(log: Log, result: LogCalibration) -> Drawing:
+    """Length of each pose's mean before and after, that of gravity where it is right.
+
+    Before, by the scale at which the poses have gravity's length on average.
+    """
+    fit = result.accelerometer
+    means = interval_means(log.accelerometer, result.intervals)
+    before = np.linalg.norm(means, axis=1)
+    after = np.linalg.norm(fit.sensor().correct(means), axis=1)
+    lengths = {"before": before * (fit.g / before.mean()), "after": after}
+    spread = {
+        name: f"{1e3 * np.sqrt(np.mean((each - fit.g) ** 2)):.3g}"
+        for name, each in lengths.items()
+    }
+    return Drawing(
+        name="lengths",
+        asked="Does every pose have the length of gravity?",
+        finding=(
+            f"Off by {spread['before']} mm/s² RMS before, and by {spread['after']} "
+            "after."
+        ),
+        caption=(
+            "Length of the mean of each pose, before and after the calibration, each "
+            f"on a scale of its own; the line is {fit.g:g} m/s². Before, one scale is "
+            "taken out, the same on each axis."
+        ),
+        panels=[
+            linear(
+                name,
+                "static interval, from 0",
+                "length, m/s²",
+                numbered(each, result.diagnosis.outliers, "outlier"),
+                references=((fit.g, ""),),
+            )
+            for name, each in lengths.items()
+        ],
+    )
 
 
 def _residuals(result: LogCalibration) -> Drawing:
@@ -266,14 +235,10 @@ def widest_gap(directions: Float[Array, "m 3"]) -> float:
 
 
 def gyroscope_chapter(whole: LogCalibration) -> Section | None:
-    """M and B with error bars, and the residual angle of each rotation."""
+    """The residual angle of each rotation."""
     fit = whole.gyroscope
     if fit is None:
         return None
-    rows = _rows(fit.names, fit.parameters, fit.sd)
-    if np.any(whole.taken.G):
-        G = whole.taken.G.ravel(), whole.taken.G_sd.ravel()
-        rows += _rows(G_NAMES, *G)
     angles = np.degrees(fit.residual_angles)
     panel = linear(
         "residual of each rotation between rests",
@@ -290,29 +255,19 @@ def gyroscope_chapter(whole: LogCalibration) -> Section | None:
         ),
         caption=(
             "After each rotation: the angle between gravity propagated by the "
-            "gyroscope and gravity measured by the accelerometer in the next rest. "
-            f"Chosen by evidence: {'; '.join(whole.taken.reasons)}."
+            "gyroscope and gravity measured by the accelerometer in the next rest."
         ),
         panels=[panel],
         columns=1,
     )
-    caption = (
-        "Rate = M (reading - B - G f), rad/s in the accelerometer's axes, G f where "
-        "forces act on it; chi-square per degree of freedom "
-        f"{float(fit.chi2_per_dof):.3g} with {fit.dof}."
-    )
-    return made([drawing], [_sensor("gyroscope", caption, rows)]).under(
-        "gyroscope", "Gyroscope"
-    )
+    return made([drawing]).under("rotations", "Rotations between rests")
 
 
 def magnetometer_chapter(whole: LogCalibration) -> Section | None:
-    """M, b and the dip with error bars, and what each pose leaves."""
+    """What each pose leaves."""
     fit = whole.magnetometer
     if fit is None:
         return None
-    own = slice(9, 21)
-    dip = ("dip, degrees", float(np.degrees(fit.dip)), float(np.degrees(fit.sd[-1])))
     chi_square = np.asarray(fit.pose_chi_square)
     panel = linear(
         "chi-square of each pose",
@@ -332,35 +287,4 @@ def magnetometer_chapter(whole: LogCalibration) -> Section | None:
         panels=[panel],
         columns=1,
     )
-    alone = "" if whole.together is None else " of its poses, without rotations,"
-    caption = (
-        "Field = M (reading - b), in the accelerometer's axes, of a field of "
-        f"{fit.field:g}; chi-square per degree of freedom{alone} "
-        f"{float(fit.chi2_per_dof):.3g} with {fit.dof}. Taken: {fit.assumption}."
-    )
-    if fit.findings:
-        caption += f" Findings: {'; '.join(fit.findings)}."
-    rows = [*_rows(fit.names[own], fit.parameters[own], fit.sd[own]), dip]
-    table = _sensor("magnetometer", caption, rows)
-    return made([drawing], [table]).under("magnetometer-result", "Magnetometer")
-
-
-Parameter = tuple[str, float, float]  # name, value, standard deviation
-
-
-def _rows(names: Sequence[str], values: Array, sd: Array) -> list[Parameter]:
-    return list(zip(names, values.tolist(), sd.tolist(), strict=True))
-
-
-def _sensor(name: str, caption: str, rows: Sequence[Parameter]) -> Table:
-    return Table(
-        name=name,
-        caption=caption,
-        columns=(
-            Column("parameter", "code"),
-            Column("value", "number", 8),
-            Column("standard deviation", "number", 3),
-        ),
-        rows=rows,
-        fold=f"The parameters of the {name}, with their error bars",
-    )
+    return made([drawing]).under("field", "Field of each pose")

@@ -6,13 +6,12 @@ a figure of each with both curves; then every common value.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from simval.judge import Difference, Move, RunComparison
-from simval.judge.runs import Kind, origin_of
-from simval.judge.trend import WAYS
+from simval.judge.result_lines import runs_account
 from simval.report.curves import (
     Curve,
     axis_of,
@@ -72,19 +71,13 @@ def comparison_sections(
     """Make the sections of the page."""
     parts = [located(part_of(run).run) for run in (a, b)]
     drawings = _drawings(parts[0], parts[1], comparison)
-    kinds = {k: comparison.kinds.count(k) for k in get_args(Kind)}
     figures = {drawing.finding: drawing.name for drawing in drawings}
     return (
         made(
             drawings,
             [moves_table(comparison.moves, figures)],
-            counts=[(comparison.count(way), way) for way in WAYS],
-            origins=[origin_of(run).words for run in (a, b)],
-            names=(a.folder.name, b.folder.name),
-            kinds=kinds,
-            total=comparison.total,
-            predictions=comparison.predictions_changed,
-            alpha=comparison.alpha,
+            account=runs_account(a, b, comparison),
+            changed=comparison.kinds.count("changed"),
         ).under("compared", "What changed"),
         made(tables=[differences_table(comparison)]).under(
             "differences", "Differences"
@@ -283,9 +276,7 @@ def differences_table(comparison: RunComparison) -> Table:
 
 
 def _word(difference: Difference) -> str:
-    """Better or worse; else that it changed, moved within chance, or is the same."""
-    if difference.kind == "moved":
-        return "within chance"
+    """Better or worse; else that it changed, or is the same."""
     if difference.kind == "same" or difference.standing == "neither":
         return difference.kind
     return difference.standing

@@ -1,32 +1,31 @@
-"""The page of filters over one log: how wrong, whether honest, what to do next."""
+r"""The page of filters over one log: how wrong, whether they know it, and when.
 
-from collections.abc import Callable, Mapping, Sequence
+Roll, pitch and yaw are those of the sensor in the world north-west-up: with R the
+matrix that takes sensor to world, z-y'-x'' (ISO 8855's order, its x north, y west),
+
+.. math:: \psi = \operatorname{atan2}(R_{21}, R_{11}), \quad
+   \theta = -\arcsin R_{31}, \quad \varphi = \operatorname{atan2}(R_{32}, R_{33}).
+"""
+
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import PurePath
-from typing import Any
 
 import numpy as np
 
-from simval.account import Account, Answer, Fact, Note, Reply
+from simval.account import Account
 from simval.arrays import Array
+from simval.geometry import attitude_matrix
 from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
-from simval.imu.recorded.description import FREE, bound_lines, published_lines
-from simval.imu.recorded.errors import ALPHA, WINDOW, NormalisedSquare, Rms
-from simval.imu.recorded.evaluation import (
-    FilterRun,
-    WithTruth,
-    ranking,
-    turned_words,
-)
-from simval.imu.recorded.rows import RowEvidence
+from simval.imu.recorded.description import FilteredLog
+from simval.imu.recorded.errors import WINDOW
+from simval.imu.recorded.evaluation import WithTruth, from_its_start
 from simval.report.formatting import slug
 from simval.report.log_page import LogPage, linear, signal
-from simval.report.panels import COLOURS, GREY, Drawing, Series
+from simval.report.panels import COLOURS, GREY, INK, Drawing, Series
 from simval.report.section import made
-from simval.report.table import Column, Table, tabulated
 from simval.shapes import Bool, Float
-from simval.spelling import measured, rounded
+from simval.units import DEGREE
 
 BAND = 3.0
 """Standard deviations of the band that is drawn."""
@@ -36,347 +35,49 @@ CHI2 = {2: (0.0506, 7.3778), 3: (0.2158, 9.3484)}
 alone where heading is free."""
 
 NAMES = ("total", "heading", "inclination")
-
-PARTS = {"all": "all rows", "moving": "while moving", "rest": "at rest"}
-"""Words for the parts of a log."""
-
-WITHOUT_TRUTH = (
-    "Without truth a filter can only be asked about itself: a scale error of the "
-    "gyroscope, or wrong noise settings, leave innovations as they should be; only "
-    "truth shows the error. --truth takes a file, or the name of the log's columns."
-)
-
-MEANING = (
-    "NEES is the squared error over the covariance, 3 where the covariance is true (2, "
-    "that of the inclination, where a filter takes no magnetometer), "
-    "with its interval at a false-alarm rate of 1 %; NIS the squared innovation over "
-    "its covariance. At rest: the drift of the heading, degrees a minute, in the "
-    "second half of each of two rests or more after the filter settled, and up, the "
-    "angle between the filter's up and the specific force, degrees. Time is in "
-    "microseconds a row."
-)
+ANGLES = ("roll", "pitch", "yaw")
+STEEP = 80.0
+"""Degrees of pitch beyond which roll and yaw are not compared."""
+WITHIN = 99.73
+"""% of normal numbers that lie within `BAND` of their standard deviations."""
 
 
 def filter_page(
-    log: Log,
-    said: Sequence[str],
-    done: Sequence[Evaluation],
-    failed: Mapping[str, str],
-    command: str = "",
+    log: Log, whole: FilteredLog, account: Account, command: str = ""
 ) -> LogPage:
-    """State the answers, figures and tables of filters over a log.
+    """State the figures of filters over a log beside their account.
 
     Parameters
     ----------
     log : Log
         The log.
-    said : sequence of str
-        Lines on the log, what filters were told, and the truth.
-    done : sequence of Evaluation
-        Filters that were measured.
-    failed : mapping of str to str
-        Filters that were not, and why.
+    whole : FilteredLog
+        What filters made of it.
+    account : Account
+        What there is to say of that, with what was read of the log.
     command : str
         The command that makes the page again; empty leaves it out.
     """
-    drawings = [_drawing(f.run.name, f.truth) for f in done if f.truth is not None]
-    # one at once, the others a click away
-    drawings[1:] = [
-        replace(each, fold=each.caption.partition(";")[0]) for each in drawings[1:]
-    ]
-    notes = [Note(words=MEANING)]
-    if done:
-        worlds = [f"{each.run.name}: {each.run.how}." for each in done]
-        how = "How each filter was run, and the frame that was found for it"
-        notes.append(Note(words=how, lines=worlds))
-    if lines := bound_lines(done):
-        notes.append(Note(words=f"{FREE} In degrees, as above:", lines=lines))
-    if lines := published_lines(done):
-        words = "By the definitions of a published benchmark, and then by ours"
-        notes.append(Note(words=words, lines=[line for line in lines if line]))
+    errors = [_drawing(x.run.name, x.truth) for x in whole.done if x.truth is not None]
+    kinds = {
+        "Errors over time": errors,
+        "Roll, pitch and yaw": [_attitude(whole, each) for each in whole.done],
+        "Bias of the gyroscope": [x for e in whole.done for x in _bias(whole, e)],
+        "Innovations": [x for e in whole.done for x in innovations(whole, e)],
+    }
     return LogPage(
-        account=Account(
-            title="Attitude filters over",
-            source=PurePath(log.path).name,
-            replies=replies(done, failed),
-            facts=[Fact("", line) for line in said],
-        ),
+        account=account,
         log=log,
-        tables=([_rms(done)] if drawings else []) + ([_own(done)] if done else []),
-        notes=notes,
-        chapters=[made(drawings).under("errors", "Errors over time")]
-        if drawings
-        else [],
+        chapters=[
+            # one at once, the others a click away
+            made([*each[:1], *(replace(x, fold=x.asked) for x in each[1:])]).under(
+                slug(title), title
+            )
+            for title, each in kinds.items()
+            if each
+        ],
         command=command,
     )
-
-
-def replies(done: Sequence[Evaluation], failed: Mapping[str, str]) -> tuple[Reply, ...]:
-    """Answers to the three questions."""
-    return _how_wrong(done), _honest(done), _next(done, failed)
-
-
-def _how_wrong(done: Sequence[Evaluation]) -> Reply:
-    title = "How wrong is each filter?"
-    judged = sorted((each for each in done if each.truth is not None), key=_total)
-    if not judged:
-        return Reply(
-            title=title,
-            headline="No truth, so errors are unknown"
-            if done
-            else "Nothing was measured",
-            answer="inconclusive",
-            lines=tuple(
-                f"{each.run.name} at rest: its heading drifts {_drift(each):.2g} "
-                f"degrees a minute ({each.at_rest.settled} rests, after it settled)."
-                for each in done
-                if np.isfinite(each.at_rest.drift)
-            ),
-        )
-    lines = [
-        f"{each.run.name}: {_degrees(own['total'])} in all, heading "
-        f"{_degrees(own['heading'])}, inclination {_degrees(own['inclination'])}, "
-        f"{PARTS.get(part, part)}."
-        for each in judged
-        for part, own in [_widest_part(each)]
-    ]
-    if turned := turned_words(done):
-        lines.append(turned)
-    least = _degrees(_widest_part(judged[0])[1]["total"])
-    what = ", least" if len(judged) > 1 else ", RMS error"
-    if (order := ranking(done)) and len(order.best) > 1:
-        what = f"; no difference seen to {', '.join(order.best[1:])}"
-    return Reply(
-        title=title,
-        headline=f"{least} ({judged[0].run.name}{what})",
-        lines=tuple(lines),
-    )
-
-
-def _widest_part(each: Evaluation) -> tuple[str, dict[str, Rms]]:
-    """RMS of the errors over as much of the log as they are known in."""
-    assert each.truth is not None
-    known = each.truth.rms
-    part = next((name for name in PARTS if name in known), next(iter(known)))
-    return part, known[part]
-
-
-def _total(each: Evaluation) -> float:
-    value = _widest_part(each)[1]["total"].value
-    return value if np.isfinite(value) else np.inf
-
-
-def _degrees(rms: Rms) -> str:
-    if not np.isfinite(rms.value):
-        return "unknown"
-    if not np.isfinite(rms.sd):
-        return f"{np.degrees(rms.value):.3g}°"
-    return f"{measured(np.degrees(rms.value), np.degrees(rms.sd))}°"
-
-
-def _drift(each: Evaluation) -> float:
-    return float(np.degrees(each.at_rest.drift) * 60.0)
-
-
-def _nees(each: Evaluation) -> NormalisedSquare | None:
-    return None if each.truth is None else each.truth.nees
-
-
-def _judged(each: Evaluation) -> list[tuple[str, NormalisedSquare]]:
-    """What is judged of a covariance; where heading is free its drift apart."""
-    if (nees := _nees(each)) is None:
-        return []
-    assert each.truth is not None
-    found = [(each.run.name, nees)]
-    if each.truth.drift is not None:
-        found.append((f"{each.run.name}, drift of heading", each.truth.drift))
-    return found
-
-
-def _worst(each: Evaluation) -> NormalisedSquare | None:
-    """What advice is on: a drift only where a verdict on it speaks against it."""
-    found = [one for _, one in _judged(each)]
-    against = [one for one in found if one.verdict.endswith("confident")]
-    return next(iter(against or found), None)
-
-
-def _honest(done: Sequence[Evaluation]) -> Reply:
-    told = [
-        {found.verdict for _, found in of if not found.verdict.startswith("not")}
-        for each in done
-        if (of := _judged(each))
-    ]
-    told = [verdicts for verdicts in told if verdicts]
-    lines = [f"{name}: {_words(found)}." for e in done for name, found in _judged(e)]
-    lines += [
-        f"{each.run.name}: {_why_not(each)}." for each in done if _nees(each) is None
-    ]
-    answer: Answer = "inconclusive"
-    headline = "Cannot be judged"
-    if told:
-        good = told.count({"consistent"})
-        answer = "pass" if good == len(told) else "fail"
-        headline = _how_many(good, len(told))
-        lines.append(f"False-alarm rate of each verdict: {100.0 * ALPHA:g} %.")
-    return Reply(
-        title="Are their covariances honest?",
-        headline=headline,
-        answer=answer,
-        lines=tuple(lines),
-    )
-
-
-def _how_many(good: int, count: int) -> str:
-    """Number of consistent covariances, as text."""
-    if not good:
-        return "The one that is stated is not" if count == 1 else f"None of {count} is"
-    return f"{good} of {count} {'is' if good == 1 else 'are'} consistent"
-
-
-def _why_not(each: Evaluation) -> str:
-    if each.nis is not None:
-        found = each.nis
-        known = f", as the noise is known to {50.0 * found.told:.2g} %"
-        return (
-            f"without truth only its innovations, {found.verdict}, {found.mean:.3g} of "
-            f"{found.expected:.3g}{known if found.told else ''}"
-        )
-    return "it states no covariance" if each.truth else "no truth to judge it by"
-
-
-def _words(nees: NormalisedSquare) -> str:
-    if np.isnan(nees.mean):
-        return f"{nees.verdict}, too little to judge"
-    ratio = np.sqrt(nees.mean / nees.expected)
-    return (
-        f"{nees.verdict}, squared error over covariance {rounded(nees.mean, 3)} of "
-        f"{nees.expected:g}, errors {ratio:.2g} times what it states"
-    )
-
-
-def _next(done: Sequence[Evaluation], failed: Mapping[str, str]) -> Reply:
-    todo = [
-        (f"Look at {name}, which was not measured", f"{name}: {why}")
-        for name, why in failed.items()
-    ]
-    if done and not any(each.truth is not None for each in done):
-        todo.append(("Give the recorded attitudes (--truth)", WITHOUT_TRUTH))
-    if (rows := next((each.rows for each in done), None)) and rows.clash:
-        todo.append(_rows_advice(rows))
-    else:
-        todo += [
-            _advice(each.run, found)
-            for each in done
-            if (found := _worst(each)) and found.verdict != "consistent"
-        ]
-    headline = "Nothing stands out: the covariances agree with the errors"
-    if todo:
-        headline = todo[0][0] + (f", and {len(todo) - 1} more" if todo[1:] else "")
-    return Reply(
-        title="What to do next?",
-        headline=headline,
-        answer="fail" if failed else "pass",
-        lines=tuple(words for _, words in todo),
-    )
-
-
-def _rows_advice(rows: RowEvidence) -> tuple[str, str]:
-    """Advice where the gyroscope's rows are not what they are taken as."""
-    seen, remedy = rows.telling, rows.remedy
-    assert seen is not None
-    do = "state what they are (--gyro-rows, --gyro-delay)"
-    if remedy is not None:
-        do = f"give {' '.join(remedy.options)}"
-    return (
-        "State what the gyroscope's rows are",
-        f"The gyroscope's rows are taken as {rows.rows}, and by the {seen.by} they are "
-        f"not: their middle is {1e3 * seen.centre:.2f} +- {1e3 * seen.half:.2g} ms "
-        f"after the stamp, not {1e3 * rows.rows.centre(rows.step):.2f}. No covariance "
-        f"is judged by that; {do}.",
-    )
-
-
-def _advice(run: FilterRun, nees: NormalisedSquare) -> tuple[str, str]:
-    """Advice on a filter, in short and in a sentence."""
-    name = run.name
-    if nees.verdict == "overconfident":
-        moved = (
-            f" While it moves, real acceleration adds {run.motion:.2g} m/s² an axis, "
-            f"which it is not told (--accelerometer-noise {run.motion:.2g})."
-        )
-        return (
-            f"Give {name} more noise",
-            f"{name} is overconfident: give it more noise, or calibrate the log first "
-            " (simval calibrate LOG --out FILE, then --calibration FILE)."
-            + (moved if run.motion else ""),
-        )
-    if nees.verdict == "underconfident":
-        return (
-            f"Give {name} less noise",
-            f"{name} is underconfident: give it less noise.",
-        )
-    if nees.blocks:
-        return (
-            "State the truth's world",
-            f"The north of the log's magnetometer is too uncertain to judge the "
-            f"covariance of {name}; state the truth's world (--truth-world).",
-        )
-    return (
-        "Record for longer",
-        f"Too few rows have truth to judge the covariance of {name}.",
-    )
-
-
-def _rms(done: Sequence[Evaluation]) -> Table:
-    rows = [
-        (
-            each.run.name,
-            part,
-            # an RMS of too few rows is an empty cell
-            *(
-                (np.degrees(own.value), np.degrees(own.sd))
-                if np.isfinite([own.value, own.sd]).all()
-                else None
-                for own in errors.values()
-            ),
-        )
-        for each in done
-        if each.truth is not None
-        for part, errors in each.truth.rms.items()
-    ]
-    return Table(
-        name="rms",
-        caption="RMS error against the truth, with its standard error",
-        columns=(
-            Column("filter", "code"),
-            Column("rows"),
-            *(Column(f"{name}, °", "measured") for name in NAMES),
-        ),
-        rows=rows,
-    )
-
-
-def _own(done: Sequence[Evaluation]) -> Table:
-    fields: dict[Column, Callable[[Evaluation], Any]] = {
-        Column("filter", "code"): lambda e: e.run.name,
-        Column("NEES", "number", 4): lambda e: (n := _nees(e)) and n.mean,
-        Column("from", "number", 3): lambda e: (n := _nees(e)) and _number(n.low),
-        Column("to", "number", 3): lambda e: (n := _nees(e)) and _number(n.high),
-        Column("verdict"): lambda e: n.verdict if (n := _nees(e)) else "no covariance",
-        Column("NIS", "number", 4): lambda e: e.nis and e.nis.mean,
-        Column("its mean", "number", 3): lambda e: e.nis and e.nis.expected,
-        Column("drift, °/min", "number", 3): lambda e: _number(_drift(e)),
-        Column("up, °", "number", 3): lambda e: _number(
-            np.degrees(e.at_rest.inclination)
-        ),
-        Column("time, µs a row", "number", 4): lambda e: e.microseconds,
-    }
-    caption = "What filters say of themselves"
-    return tabulated(done, fields, name="consistency", caption=caption)
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _drawing(name: str, truth: WithTruth) -> Drawing:
@@ -450,6 +151,127 @@ def _lines(truth: WithTruth, k: int) -> list[Series]:
         if NAMES[k] == "heading":
             lines.append(signal(time, -band, GREY))
     return lines
+
+
+def roll_pitch_yaw(q: Float[Array, "k 4"]) -> Float[Array, "k 3"]:
+    """Angles of attitudes north-west-up to sensor, degrees."""
+    A = attitude_matrix(q)  # from world to sensor
+    pitch = -np.arcsin(np.clip(A[:, 0, 2], -1.0, 1.0))
+    roll = np.arctan2(A[:, 1, 2], A[:, 2, 2])
+    yaw = np.arctan2(A[:, 0, 1], A[:, 0, 0])
+    return np.degrees(np.stack([roll, pitch, yaw], axis=1))
+
+
+def _attitude(whole: FilteredLog, each: Evaluation) -> Drawing:
+    run, found = each.run, whole.found
+    kept, own = run.output.kept, run.output.attitude[0]
+    truth = np.empty((0, 3))
+    if whole.alignment is not None:
+        there = np.isfinite(whole.alignment.attitude[kept, 0])
+        kept, own = kept[there], own[there]
+        true = whole.alignment.attitude[kept]
+        own = from_its_start(own, true) if run.six else own
+        truth = np.unwrap(roll_pitch_yaw(true), period=360.0, axis=0)
+    time, angles = found.time[kept], roll_pitch_yaw(own)
+    finding = ""
+    if len(truth):
+        apart = np.remainder(angles - truth + 180.0, 360.0) - 180.0
+        angles = truth + apart
+        # near a pitch of 90 degrees a small error is a large one of roll and yaw
+        seen = np.where(np.abs(truth[:, 1:2]) < STEEP, np.abs(apart), 0.0)
+        row, k = np.unravel_index(int(np.argmax(seen)), seen.shape)
+        finding = f"Farthest apart at {time[row]:.1f} s, in {ANGLES[k]}, by "
+        finding += f"{seen[row, k]:.3g} degrees (pitch below {STEEP:g})."
+    else:
+        angles = np.unwrap(angles, period=360.0, axis=0)
+    lines = [
+        [signal(time, angles[:, k], COLOURS[k], run.name)]
+        + (
+            [Series(label="truth", x=time, y=truth[:, k], colour=INK, line="--")]
+            if len(truth)
+            else []
+        )
+        for k in range(3)
+    ]
+    counted = ", turned to the truth's heading at the start" if run.six else ""
+    return Drawing(
+        name=f"attitude-{slug(run.name)}",
+        asked=f"Which attitude has {run.name}?",
+        finding=finding,
+        caption=(
+            f"Roll, pitch and yaw of {run.name}{counted}, of the sensor in "
+            "north-west-up; beyond half a turn they are counted on."
+        ),
+        panels=[
+            linear(word, "time, s", f"{word}, degrees", own)
+            for word, own in zip(ANGLES, lines, strict=True)
+        ],
+        columns=1,
+    )
+
+
+def _bias(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
+    output, name = each.run.output, each.run.name
+    if output.bias is None:
+        return
+    time, bias = whole.found.time[output.kept], DEGREE.factor * output.bias[0]
+    P = output.covariance
+    known = P is not None and P.shape[-1] >= 6
+    panels = []
+    for k, axis in enumerate("xyz"):
+        lines = [signal(time, bias[:, k], COLOURS[k], axis)]
+        if P is not None and known:
+            half = (
+                BAND * DEGREE.factor * np.sqrt(np.maximum(P[0, :, 3 + k, 3 + k], 0.0))
+            )
+            label = f"{BAND:g} standard deviations"
+            lines.append(signal(time, bias[:, k] + half, GREY, label))
+            lines.append(signal(time, bias[:, k] - half, GREY))
+        panels.append(linear(axis, "time, s", f"bias of {axis}, °/s", lines))
+    ends = ", ".join(f"{axis} {b:.3g}" for axis, b in zip("xyz", bias[-1], strict=True))
+    band = f" Grey: {BAND:g} standard deviations by its covariance." if known else ""
+    yield Drawing(
+        name=f"bias-{slug(name)}",
+        asked=f"Which bias has {name} for the gyroscope?",
+        finding=f"At the end {ends} °/s.",
+        caption=f"Bias of the gyroscope by {name}, the same unit in each panel.{band}",
+        panels=panels,
+        columns=1,
+    )
+
+
+def innovations(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
+    """Innovations over what the filter states of each; none of one without them."""
+    output, name = each.run.output, each.run.name
+    if output.innovation is None or output.innovation_covariance is None:
+        return
+    time, S = whole.found.time[output.kept], output.innovation_covariance[0]
+    sd = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
+    shares = output.innovation[0] / np.where(sd > 0.0, sd, np.nan)
+    within = 100.0 * float(np.mean(np.abs(shares) <= BAND))
+    yield Drawing(
+        name=f"innovations-{slug(name)}",
+        asked=f"Are the innovations of {name} as large as it states?",
+        finding=(
+            f"{within:.3g} % are within {BAND:g} of the standard deviations that it "
+            f"states, where {WITHIN} % should be."
+        ),
+        caption=(
+            f"Innovations of {name} over the standard deviation that it states, in its "
+            f"order; lines at {BAND:g}."
+        ),
+        panels=[
+            linear(
+                f"innovation {k + 1}",
+                "time, s",
+                "over its standard deviation",
+                [signal(time, shares[:, k], COLOURS[k % 3])],
+                references=((-BAND, ""), (BAND, "")),
+            )
+            for k in range(shares.shape[1])
+        ],
+        columns=2,
+    )
 
 
 def _spans(rest: Bool[np.ndarray, " k"]) -> list[tuple[int, int]]:

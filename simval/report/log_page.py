@@ -4,24 +4,38 @@ A calibration, filters and the noise of a log are such pages. Each kind states i
 answers, figures and tables; this module is the page around them.
 """
 
-import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
 from simval import __version__
-from simval.account import Account, Note
+from simval.account import Account, Note, Quantity, Values
+from simval.account.terminal import MARKS
 from simval.arrays import Array
+from simval.files import digest
 from simval.imu.logs import Log
+from simval.report.formatting import slug
 from simval.report.panels import COLOURS, Panel, Series
 from simval.report.section import Section, made, template
-from simval.report.table import Table
+from simval.report.table import Column, Table
 from simval.shapes import Float
 
+DIGITS = (
+    Column("quantity"),
+    Column("name", "code"),
+    Column("unit", "unit"),
+    Column("value", "number", 8),
+    Column("standard deviation u", "number", 3),
+    Column("expanded U = k u", "number", 3),
+    Column("95 % from", "number", 8),
+    Column("to", "number", 8),
+    Column("least possible standard deviation", "number", 3),
+)
+"""Columns of a table with every digit, as the terminal's with --verbose."""
 FOLDERS = re.compile(r"(?<![\w)\].])(?:/[^/\s:,;]+)+/")
 """The folders of a path in a sentence; the slashes of a unit follow its letters."""
 
@@ -30,11 +44,9 @@ FOLDERS = re.compile(r"(?<![\w)\].])(?:/[^/\s:,;]+)+/")
 class LogPage:
     """Contents of the page of a log."""
 
-    account: Account  # answers, and what was read and how
+    account: Account  # answers, values, and what was read and how
     log: Log
-    tables: Sequence[Table]  # of the first section, below the answers
-    notes: Sequence[Note] = ()  # below these
-    chapters: Sequence[Section] = ()  # figures and tables
+    chapters: Sequence[Section] = ()  # figures
     command: str = ""  # makes the page again; empty leaves it out
 
     @property
@@ -47,14 +59,21 @@ class LogPage:
         """Answers, chapters, and where the numbers are from."""
         facts = (
             ("Log", self.name),
-            ("SHA-256", _digest(self.log)),
+            ("SHA-256", digest(self.log.path)),
             ("simval", __version__),
         )
+        account = self.account
+        rests = [
+            Note(words=f"How the values of {each.title} were found", lines=lines)
+            for each in account.values
+            if not each.folded
+            and (lines := [f"{label}: {words}" for label, words, _ in each.facts])
+        ]
         first = made(
-            tables=self.tables,
-            replies=self.account.replies,
-            warnings=self.account.warnings,
-            notes=self.notes,
+            tables=[table for each in account.values for table in tables_of(each)],
+            replies=account.replies,
+            warnings=account.warnings,
+            notes=[*rests, *account.notes],
         ).under("result", "Result")
         source = made(
             facts=[(name, value) for name, value in facts if value],
@@ -67,6 +86,57 @@ class LogPage:
         return first, *self.chapters, source
 
 
+def tables_of(values: Values) -> Iterator[Table]:
+    """The values as every face has them, and behind a fold every digit of them.
+
+    Those that a terminal shows on request have their facts as a column, or a fold.
+    """
+    if not values.lines:
+        return
+    said = {label: words for label, words, _ in values.facts if values.folded}
+    name, caption = slug(values.title), f"{values.title}: {values.how}".rstrip(": ")
+    most = max(len(line.cells) for line in values.lines)
+    heads = values.heads if most > 1 else ("value",)
+    yield Table(
+        name=name,
+        caption=caption,
+        columns=[
+            Column("quantity"), *(Column(head, "quantity") for head in heads),
+            *[Column("how")] * bool(said),
+        ],
+        rows=[
+            (line.head, *zip(line.shown(MARKS), map(_size, line.cells), strict=True),
+             *[None] * (len(heads) - len(line.cells)),
+             *[said.get(line.label, "")] * bool(said))
+            for line in values.lines
+        ],
+        fold=caption if values.folded and not said else "",
+    )  # fmt: skip
+    if values.folded:
+        return
+    yield Table(
+        name=f"{name}-digits",
+        caption=f"{values.title}, with intervals",
+        columns=DIGITS,
+        rows=[
+            (line.label, x.name, line.unit, x.value, x.sd,
+             *map(_finite, (0.5 * (x.high - x.low), x.low, x.high)), x.least)
+            for line in values.lines
+            for x in (cell.times(line.factor) for cell in line.cells)
+        ],
+        fold=f"{values.title}: every digit, with intervals",
+    )  # fmt: skip
+
+
+def _size(each: Quantity) -> float:
+    # by which a column is sorted
+    return each.high if each.value is None else each.value
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
 def render_log(page: LogPage) -> str:
     """Render the page of a log as HTML; the same page gives the same bytes."""
     return template("page").render(
@@ -75,20 +145,6 @@ def render_log(page: LogPage) -> str:
         version=__version__,
         source=f"the log {page.name}",
     )
-
-
-def _digest(log: Log) -> str:
-    # the file may have gone since it was read, or never have been one; of a folder,
-    # that of its files in the order of their names
-    path = Path(log.path)
-    files = sorted(path.rglob("*")) if path.is_dir() else [path]
-    digest = hashlib.sha256()
-    try:
-        for each in files:
-            digest.update(each.read_bytes() if each.is_file() or each == path else b"")
-    except OSError:
-        return ""
-    return digest.hexdigest()
 
 
 def linear(

@@ -3,8 +3,7 @@
 Coefficients stand in the units of data sheets, where the unit of the log is known.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,15 +11,12 @@ from simval.account import Account
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.multiposition.noise_description import SensorNoise, varies
-from simval.imu.noise import AxisNoise, Coefficient
-from simval.imu.noise.components import LETTERS
+from simval.imu.noise import AxisNoise
 from simval.report.log_page import LogPage
-from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
+from simval.report.panels import COLOURS, GREY, INK, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
-from simval.report.table import Column, Table
 from simval.shapes import Float
 from simval.spelling import rounded
-from simval.units import Unit
 
 BAND = 1.96  # standard deviations of a 95 % band
 
@@ -28,80 +24,14 @@ BAND = 1.96  # standard deviations of a 95 % band
 def noise_page(
     log: Log, sensors: Sequence[SensorNoise], account: Account, command: str = ""
 ) -> LogPage:
-    """State the figures and tables of a log's noise beside its account."""
-    coefficients, statements = _coefficients(sensors), _statements(sensors)
+    """State the figure of a log's noise beside its account."""
     drawing = allan_drawing(account.source, sensors)
-    drawings = [drawing] if drawing.panels else []
-    if not drawings:  # the reasons are all that there is
-        statements = replace(statements, fold="")
-    chapter = made(drawings, [statements]).under("allan", "Allan deviation")
+    chapter = made([drawing]).under("allan", "Allan deviation")
     return LogPage(
         account=account,
         log=log,
-        tables=[coefficients] if coefficients.rows else [],
-        chapters=[chapter],
+        chapters=[chapter] if drawing.panels else [],
         command=command,
-    )
-
-
-def _coefficients(sensors: Sequence[SensorNoise]) -> Table:
-    return Table(
-        name="noise",
-        caption="Coefficients of each axis, with their 95 % intervals",
-        columns=(
-            Column("sensor"),
-            Column("noise"),
-            Column("axis", "code"),
-            Column("value", "measured"),
-            Column("unit"),
-            Column("95 % from", "number", 3),
-            Column("to", "number", 3),
-            Column("seen"),
-        ),
-        rows=[
-            (
-                s.title,
-                f"{LETTERS[kind].words} {kind}",
-                letter,
-                *_cells(each, s.unit(kind)),
-            )
-            for s in sensors
-            for kind in LETTERS
-            for letter, axis in s.lettered
-            for each in axis.coefficients
-            if each.kind == kind
-        ]
-        + [
-            (s.title, "equivalent walk K", letter, *_cells(axis.slow.walk, s.unit("K")))
-            for s in sensors
-            for letter, axis in s.lettered
-            if axis.slow is not None and not axis.slow.is_walk
-        ],
-    )
-
-
-def _cells(each: Coefficient, unit: Unit) -> tuple[object, ...]:
-    low, high = unit.factor * each.low, unit.factor * each.high
-    ends = tuple(end if np.isfinite(end) else None for end in (low, high))
-    if each.value is None:
-        known = "a bound only" if low or np.isfinite(high) else "not bounded"
-        return (None, unit.name, *ends, known)
-    value = unit.factor * each.value, unit.factor * (each.sd or 0.0)
-    return (value, unit.name, *ends, "yes")
-
-
-def _statements(sensors: Sequence[SensorNoise]) -> Table:
-    return Table(
-        name="statements",
-        caption="Notes on the coefficients",
-        columns=(Column("sensor"), Column("axis", "code"), Column("said")),
-        rows=[
-            (sensor.title, letter, words)
-            for sensor in sensors
-            for letter, axis in sensor.lettered
-            for words in axis.statements
-        ],
-        fold="How far the model holds, axis by axis",
     )
 
 
@@ -115,7 +45,8 @@ def allan_drawing(name: str, sensors: Sequence[SensorNoise]) -> Drawing:
         caption=(
             f"Allan deviation of {name}: points are measured, bars their 95 % band by "
             "the closed-form covariance, lines the fitted components where they are "
-            "fitted, dotted beyond."
+            "fitted, dotted beyond; dashed, of the axis with the most, white noise N "
+            "and random walk K alone."
         ),
         panels=[_panel(s) for s in drawn],
         columns=1,
@@ -161,12 +92,37 @@ def _panel(sensor: SensorNoise) -> Panel:
             part = slice(*axis.used)
             series.append(_line(axis.seconds[part], model[part], COLOURS[i], "-"))
             series.append(_line(axis.seconds, model, COLOURS[i], ":"))
+    series += _slopes(sensor, scale)
     return Panel(
         title=f"{sensor.title}, Allan deviation",
         x_label="averaging time, s",
         y_label=f"deviation, {unit.name}",
         series=series,
     )
+
+
+def _slopes(sensor: SensorNoise, scale: float) -> Iterator[Series]:
+    """The asymptotes of white noise and of a random walk, of the axis with the most.
+
+    N over the root of the time, so N at 1 s; K times the root of a third of it.
+    """
+    times = np.concatenate([axis.seconds for axis in sensor.axes])
+    least = 0.5 * min(np.sqrt(a.variances.min()) for a in sensor.axes if varies(a))
+    for kind, power, divisor in (("N", -0.5, 1.0), ("K", 0.5, 3.0)):
+        seen = [c.value for c in sensor.of(kind) if c.value is not None]
+        if not seen:
+            continue
+        x = np.array([times.min(), divisor, times.max()])
+        if not x[0] < x[1] < x[2]:
+            continue
+        ends = (least / max(seen)) ** (1.0 / power) * divisor  # no lower than the data
+        x = np.clip(x, *((x[0], ends) if kind == "N" else (ends, x[2])))
+        y = max(seen) * (x / divisor) ** power
+        label = f"slope {'-' * (power < 0)}1/2, {kind} at {divisor:g} s"
+        yield Series(label=label, x=x, y=scale * y, colour=GREY, line="--")
+        yield Series(
+            label="", x=x[1:2], y=scale * y[1:2], colour=INK, marker=MARKERS[-1]
+        )
 
 
 def _line(

@@ -8,14 +8,14 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.extras import refuse_without
 from simval.imu.calibrate import Calibration, GyroscopeFit, MagnetometerFit
-from simval.imu.calibrate.magnetometer.result import DIP, IRON, MATRIX
-from simval.imu.sensor import forms
+from simval.imu.calibrate.magnetometer.result import OWN_NAMES
+from simval.imu.sensor import AccelerometerModel, forms
 from simval.report.curves import axis_of, curve, grouped
 from simval.results import Row
 from simval.sweep import Run
 from simval.text import did_you_mean
-from simval.vocabulary import Model
 
 HALF = 1.96  # standard deviations of a 95 % interval
 
@@ -25,14 +25,31 @@ class Kind(NamedTuple):
 
     title: str
     names: Sequence[str]
-    values: Array  # (..., k)
-    sd: Array
-    half: Array  # of the 95 % interval
+    at: Any  # where they stand in the parameters of the fit, (k,)
+    signs: Any = 1.0  # of an entry over its parameter
 
 
-def plot_fit(fit: Any, axes: Any = None) -> Any:
-    """Draw each parameter with its 95 % interval, a panel for each kind."""
+_GYROSCOPE = (
+    ("matrix M, rad/s per raw unit", slice(0, 9)),
+    ("bias B, raw units", slice(9, 12)),
+)
+_MAGNETOMETER = (
+    ("matrix M of the magnetometer", slice(0, 9)),
+    ("hard iron b, raw units", slice(9, 12)),
+    ("dip, rad", slice(12, 13)),
+)
+
+
+def plot_fit(fit: Any, axes: Any = None, reference: Any = None) -> Any:
+    """Draw each parameter with its 95 % interval, or its pull, a panel a kind."""
     kinds = _kinds(fit)
+    values, half = fit.parameters, np.diff(fit.confidence_intervals(0.95))[..., 0] / 2.0
+    if reference is not None:
+        values = pulls(fit, reference)
+        half = np.full(values.shape, HALF)
+    if np.ndim(values) > 1:  # a batch: what its trials have
+        half = HALF * np.nanstd(values, axis=0, ddof=1)
+        values = np.nanmean(values, axis=0)
     if axes is None:
         axes = _figure(len(kinds))
     axes = np.atleast_1d(axes)
@@ -40,67 +57,73 @@ def plot_fit(fit: Any, axes: Any = None) -> Any:
         msg = f"`axes` has {len(axes)} panels, and this fit has {len(kinds)} kinds"
         raise InputError(msg)
     for panel, kind in zip(axes, kinds, strict=True):
-        values, half = kind.values, kind.half
-        if np.ndim(values) > 1:  # a batch: what its trials have
-            trials = values.reshape(-1, len(kind.names))
-            values = np.nanmean(trials, axis=0)
-            half = HALF * np.nanstd(trials, axis=0, ddof=1)
-        panel.errorbar(np.arange(len(kind.names)), values, half, fmt="o")
-        panel.set_xticks(np.arange(len(kind.names)), kind.names)
-        panel.set_title(kind.title)
+        places = np.arange(len(kind.names))
+        panel.errorbar(places, kind.signs * values[kind.at], half[kind.at], fmt="o")
+        panel.set_xticks(places, kind.names)
+        panel.set_title(kind.title if reference is None else kind.title.split(",")[0])
+        if reference is not None:
+            panel.axhline(0.0, color="0.5", lw=1.0)
+            panel.set_ylabel("pull, standard deviations")
     return axes
+
+
+def pulls(fit: Any, reference: Any) -> Array:
+    """Each parameter less that of a reference, over the deviation of the difference."""
+    form, other = _form(fit), _form(reference)
+    if isinstance(reference, AccelerometerModel):  # whatever its own form
+        gram = reference.matrix.T @ reference.matrix
+        reference = forms.from_gram(forms.check_model(form), gram, reference.B)
+    theirs = np.asarray(getattr(reference, "parameters", reference), dtype=float)
+    if theirs.shape[-1:] != fit.parameters.shape[-1:] or (other and other != form):
+        msg = (
+            f"`reference` has {theirs.shape[-1:]} parameters of the "
+            f"{other or form} form, and the fit {fit.parameters.shape[-1:]} of the "
+            f"{form}; give another fit of the same sensors and form, or the values in "
+            "the order of `fit.parameters`"
+        )
+        raise InputError(msg)
+    return (fit.parameters - theirs) / np.hypot(fit.sd, getattr(reference, "sd", 0.0))
+
+
+def _form(fit: Any) -> str:
+    """The accelerometer's form, if there is any."""
+    return str(getattr(getattr(fit, "recording", fit), "model", ""))
 
 
 def _kinds(fit: Any) -> list[Kind]:
     """The parameters of a fit by kind; of the accelerometer as the entries of T."""
-    if isinstance(fit, Calibration):
-        others = [] if fit.gyroscope is None else _kinds(fit.gyroscope)
-        if fit.magnetometer is not None:
-            others += _kinds(fit.magnetometer)[3:]
-        return [*_accelerometer(fit.recording.model, fit), *others]
     if isinstance(fit, GyroscopeFit):
-        return [
-            _part(fit, "matrix M, rad/s per raw unit", slice(0, 9)),
-            _part(fit, "bias B, raw units", slice(9, 12)),
-        ]
-    kinds = _accelerometer(fit.model, fit)
+        return _parts(_GYROSCOPE, fit.names, 0)
+    kinds = _accelerometer(_form(fit))
     if isinstance(fit, MagnetometerFit):
-        for title, part in (
-            ("matrix M of the magnetometer", MATRIX),
-            ("hard iron b, raw units", IRON),
-            ("dip, rad", slice(DIP, DIP + 1)),
-        ):
-            kinds.append(_part(fit, title, part))
+        return kinds + _parts(_MAGNETOMETER, OWN_NAMES, 9)
+    if isinstance(fit, Calibration):
+        if fit.gyroscope is not None:
+            kinds += _parts(_GYROSCOPE, fit.gyroscope.names, 9)
+        if fit.magnetometer is not None:
+            first = len(fit.names) - len(OWN_NAMES)
+            kinds += _parts(_MAGNETOMETER, OWN_NAMES, first)
     return kinds
 
 
-def _accelerometer(model: Model, fit: Any) -> list[Kind]:
+def _accelerometer(model: Any) -> list[Kind]:
     """T, K and B, as the first nine parameters of a fit have them."""
     names, signs = zip(*forms.entries(model), strict=True)
-    signed = np.array(signs)
     titles = [
         ("misalignment T", slice(0, 3)),
         ("scale K, m/s^2 per raw unit", slice(3, 6)),
     ]
     if model == "symmetric":
         titles = [("matrix K, m/s^2 per raw unit", slice(0, 6))]
-    return [
-        _part(fit, title, part, names, signed)
-        for title, part in (*titles, ("bias B, raw units", slice(6, 9)))
-    ]
+    kinds = _parts((*titles, ("bias B, raw units", slice(6, 9))), names, 0)
+    return [kind._replace(signs=np.array(signs)[kind.at]) for kind in kinds]
 
 
-def _part(
-    fit: Any, title: str, part: slice, names: Sequence[str] = (), signs: Any = 1.0
-) -> Kind:
-    interval = fit.confidence_intervals(0.95)[..., part, :]
-    return Kind(
-        title,
-        (names or fit.names)[part],
-        (signs[part] if names else signs) * fit.parameters[..., part],
-        fit.sd[..., part],
-        (interval[..., 1] - interval[..., 0]) / 2.0,
-    )
+def _parts(
+    titles: Iterable[tuple[str, slice]], names: Sequence[str], first: int
+) -> list[Kind]:
+    places = np.arange(len(names))
+    return [Kind(title, names[part], first + places[part]) for title, part in titles]
 
 
 def plot_run(run: Run, statistic: str, along: str = "", axes: Any = None) -> Any:
@@ -182,8 +205,10 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]], caption: str) -> 
 
 
 def _figure(panels: int) -> Any:
-    from matplotlib import pyplot  # chooses how figures are shown; only here
-
+    try:
+        from matplotlib import pyplot  # chooses how figures are shown; only here
+    except ImportError:
+        refuse_without("plots", "drawing in a notebook")
     size = (4.0 * panels, 3.2) if panels > 1 else (6.4, 4.0)
     _, axes = pyplot.subplots(
         1, panels, figsize=size, squeeze=False, layout="constrained"

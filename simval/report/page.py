@@ -68,7 +68,10 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
         "estimators": Entry("What an estimator costs"),
         "budget": Entry("Error budget"),
     },
-    "Filters": {"filters": Entry("Attitude filters", pictures.filters_section)},
+    "Filters": {
+        "filters": Entry("Attitude filters", pictures.filters_section),
+        "settings": Entry("Settings of a filter"),
+    },
     "Scenes and more": {
         "scene": Entry("Scenes", pictures.scene_section),
         "statics": Entry("Static intervals"),

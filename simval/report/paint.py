@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.extras import refuse_without
 from simval.report import interactivity
 from simval.report.marks import (
     MARK,
@@ -477,9 +478,16 @@ def png(drawing: Drawing) -> bytes:
     -------
     bytes
         Content of the file; the same for the same data.
-    """
-    from matplotlib.figure import Figure
 
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        refuse_without("plots", "writing .png", "; or write .svg")
     sheets, width, height = sheets_of(drawing)
     figure = Figure(figsize=(width / INCH, height / INCH), dpi=INCH, facecolor=WHITE)
     for sheet in sheets:

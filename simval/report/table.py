@@ -13,7 +13,8 @@ from simval.spelling import measured
 from simval.text import number
 
 Kind = Literal[
-    "text", "unit", "code", "command", "number", "measured", "answer", "figure"
+    "text", "unit", "code", "command", "number", "measured", "quantity", "answer",
+    "figure",
 ]  # fmt: skip
 
 
@@ -25,7 +26,7 @@ class Column:
     # ``text``; ``unit``, which a ratio has none of on the page; ``code``, a name;
     # ``command``, shown on request; ``number``;
     # ``measured``, a pair of value and standard error; or of both the row that has
-    # them; ``answer``, a verdict;
+    # them; ``quantity``, a pair of its words and a number; ``answer``, a verdict;
     # ``figure``, the name of a figure on the page
     kind: Kind = "text"
     digits: int = 6  # significant digits of a number
@@ -43,7 +44,7 @@ class Column:
     @property
     def numeric(self) -> bool:
         """True if its values are numbers."""
-        return self.kind in ("number", "measured")
+        return self.kind in ("number", "measured", "quantity")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +111,8 @@ def text(value: Any, column: Column) -> str:
     value = _plain(value, column, shown=True)
     if column.kind == "measured":
         return measured(*(column.factor * part for part in value))
+    if column.kind == "quantity":
+        return str(value[0])
     if column.kind == "number":
         return number(column.factor * value, column.digits)
     return "" if column.kind == "unit" and value == "1" else str(value)
@@ -120,7 +123,8 @@ def sort_key(value: Any, column: Column) -> str:
     if value is None or not column.numeric:
         return ""
     value = _plain(value, column)
-    key = float(value[0] if column.kind == "measured" else value)
+    of_pair = {"measured": 0, "quantity": 1}
+    key = float(value[of_pair[column.kind]] if column.kind in of_pair else value)
     return repr(key) if isfinite(key) else ""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from places import ROOT
 
+import simval
 from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.sensor import forms
@@ -75,6 +76,55 @@ def test_a_fit_draws_what_it_printed(model, trials):
     assert fit.plot(panels) is panels
     with pytest.raises(InputError, match=r"`axes` has 1 panels"):
         fit.plot(panels[:1])
+
+
+def drawn(panels):
+    """What stands in the panels, and the halves of its bars."""
+    values, halves = [], []
+    for panel in panels:
+        (bars,) = panel.containers
+        values += list(bars.lines[0].get_ydata())
+        low, high = np.array([s[:, 1] for s in bars.lines[2][0].get_segments()]).T
+        halves += list((high - low) / 2.0)
+    return np.array(values), np.array(halves)
+
+
+@pytest.mark.parametrize("model", forms.MODELS)
+def test_pulls_are_errors_in_standard_deviations(model):
+    fit = fitted(model)
+    truth = simval.AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))
+    signs = np.array([sign for _, sign in forms.entries(model)])
+    values, halves = drawn(fit.plot(reference=truth))
+    own = (
+        np.eye(3)[np.triu_indices(3)]
+        if model == "symmetric"
+        else np.r_[0, 0, 0, 1, 1, 1]
+    )
+    expected = signs * (fit.parameters - np.r_[own, np.zeros(3)]) / fit.sd
+    np.testing.assert_allclose(values, expected, rtol=1e-12)
+    np.testing.assert_allclose(halves, 1.96)
+    by_values, _ = drawn(fit.plot(reference=np.r_[own, np.zeros(3)]))
+    np.testing.assert_allclose(by_values, expected, rtol=1e-12)
+    # of another fit the deviation is that of the difference
+    other = calibrate(9.80665 * fibonacci_sphere(24) + 1e-3 * np.ones(3), model=model,
+                      noise_std=0.02)  # fmt: skip
+    values, _ = drawn(fit.plot(reference=other))
+    size = np.sqrt(fit.sd**2 + other.sd**2)
+    expected = signs * (fit.parameters - other.parameters) / size
+    np.testing.assert_allclose(values, expected, rtol=1e-12)
+    for wrong in (np.zeros(3), fitted(forms.MODELS[forms.MODELS.index(model) - 1])):
+        with pytest.raises(InputError, match=r"order of `fit\.parameters`"):
+            fit.plot(reference=wrong)
+
+
+def test_pulls_of_trials_are_their_mean_and_spread():
+    batch = fitted(trials=(8,))
+    zero = np.r_[0, 0, 0, 1, 1, 1, 0, 0, 0]
+    values, halves = drawn(batch.plot(reference=zero))
+    pulls = (batch.parameters - zero) / batch.sd
+    signs = [sign for _, sign in forms.entries("triangular")]
+    np.testing.assert_allclose(values, signs * pulls.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(halves, 1.96 * pulls.std(axis=0, ddof=1), rtol=1e-12)
 
 
 def test_a_run_is_short_in_words_and_drawn_on_demand(tiny_run):

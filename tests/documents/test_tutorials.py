@@ -10,7 +10,7 @@ from walkthrough import FENCE, Walk, blocks, lend
 PAGES = sorted((ROOT / "docs").glob("tutorials/*.md")) + sorted(
     (ROOT / "docs").glob("howto/*.md")
 )
-SLOW = {"filter", "estimator", "question"}
+SLOW = {"filter", "estimator", "question", "settings"}
 """Pages that take most of a minute: a sweep of a grid, or `simval check` many times."""
 WALKS = {}
 

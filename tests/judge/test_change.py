@@ -164,7 +164,7 @@ def test_loss_and_standing_of_no_number():
 # two runs
 
 
-def test_on_the_same_noise_a_small_step_is_told_from_rounding(tiny_run):
+def test_on_the_same_noise_a_small_step_is_told_from_rounding(tiny_run, tmp_path):
     old = load_run(tiny_run)
     found = compare_runs(old, old)
     assert {d.kind for d in found.differences} == {"same"}
@@ -176,8 +176,35 @@ def test_on_the_same_noise_a_small_step_is_told_from_rounding(tiny_run):
         "UPDATE rows SET value = value * (1 + 1e-15) WHERE cell = 3",
     )
     found = compare_runs(old, new)
-    assert found.of("changed") == ()
-    assert {str(d.a.statistic) for d in found.of("moved")} == {"bias[x]"}
+    assert {str(d.a.statistic) for d in found.of("changed")} == {"bias[x]"}
+    assert found.within == len(found.of("changed"))
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-9, 1e-4, 0.1, 3.0, 100.0])
+@pytest.mark.parametrize("error", [0.0, 0.01])
+def test_compare_counts_what_the_gate_counts_on_the_same_noise(step, error):
+    """Values with and without chance, with theories, on both sides of a limit."""
+
+    def made(shift):
+        theories = [
+            row("x", 1.0 + shift * k, standard_error=error, n=4000, prediction=p,
+                predictor=str(p), check="plain" if error else "exact", remainder=1e-3)
+            for k, p in ((error, 1.0), (error, 1.1))
+        ]  # fmt: skip
+        limits = [
+            row(f"lim[{k}]", value, prediction=1.0, check="limit")
+            for k, value in enumerate((0.5, 0.5 + shift, 2.0, 2.0 - shift, 2.0 + shift))
+        ]
+        few = {f"rms[K_{k}]": 1.0 + shift * k * error for k in range(3)}
+        return run(few, error=error, more=[*theories, *limits], fields={"n": 4000})
+
+    old, new = made(0.0), made(step)
+    found, judged = compare_runs(old, new), changes(old, new)
+    assert {str(d.statistic) for d in found.of("changed")} == {
+        name for name, each in judged.items() if each.change == "changed"
+    }
+    assert found.total == len(judged)
+    assert bool(found.of("changed")) == (step > 1e-9)
 
 
 def test_values_without_chance_change_by_size_and_limits_by_side():
@@ -190,6 +217,10 @@ def test_values_without_chance_change_by_size_and_limits_by_side():
     same = dict.fromkeys(("x", "z", "limit"), "same")
     assert kinds(old, new) == same | {"y": "changed"}
     assert kinds(limited({}, 0.1), limited({}, 1.1)) == {"limit": "changed"}
+    up, down = limited({}, 0.1), limited({}, 1.1)
+    for old, new, way in ((up, down, "worse"), (down, up, "better")):
+        assert changes(old, new)["limit"].standing == way
+        assert "below its limit" in changes(old, new)["limit"].reason
 
 
 def test_what_two_runs_depend_on_is_compared():
@@ -214,20 +245,23 @@ def test_cells_are_matched_by_what_they_ask_not_by_seed_or_effort():
 
 
 def test_one_value_beside_several_theories_counts_once():
-    def three(value, moved=0.0):
+    def three(value, moved=0.0, own=0.0):
         return run({}, more=[
             row("x", v, standard_error=0.1, prediction=p, predictor=name)
             for v, p, name in ((value, 1.0, "one"), (value, 2.0, "two"),
-                (value, 3.0 + moved, "three"), (value + 1.0, 1.0, "of its own"))
+                (value + own, 3.0 + moved, "three"))
         ])  # fmt: skip
 
     found = compare_runs(three(1.0), three(9.0))
-    assert [d.name for d in found.of("changed")] == [
-        "x against one; two; three", "x against of its own",
+    assert [d.name for d in found.of("changed")] == ["x against one; two; three"]
+    found = compare_runs(three(1.0, own=0.5), three(9.0, own=0.5))
+    assert sorted(d.name for d in found.of("changed")) == [
+        "x against one", "x against three", "x against two",
     ]  # fmt: skip
     found = compare_runs(three(1.0), three(1.0, moved=0.1))
     moved = [d for d in found.differences if d.prediction_changed]
-    assert [(d.name, d.kind) for d in moved] == [("x against three", "same")]
+    assert [(d.name, d.kind) for d in moved] == [("x against one; two; three", "same")]
+    assert found.predictions_changed == 1
 
 
 def test_missing_statistics_are_told():
@@ -454,7 +488,7 @@ def test_what_moved_most_comes_first_among_all_of_its_kind():
     found = compare_runs(old, new)
     assert [d.after for d in found.differences] == [2.0, 1.5, 1.001, 1.0]
     (move,) = found.moves
-    assert (move.cells, move.of, move.standing) == (2, 4, "worse")
+    assert (move.cells, move.of, move.standing) == (3, 4, "worse")
 
 
 def test_moves_are_sorted_by_how_far():
@@ -512,8 +546,10 @@ def test_the_baseline_gives_the_same_moves(tiny_run, tmp_path):
         assert (move.standing, move.size) == ("worse", "1.7 % larger")
         assert move.cells == move.of >= 1
         assert move.sigmas < 5.0
-    # two runs: within the standard errors of independent noise, so no change
-    assert moved(compare_runs(run, worse).differences) == ()
+    found = compare_runs(run, worse)
+    assert [(m.what, m.size, m.sigmas) for m in found.moves] == [
+        (m.what, m.size, pytest.approx(m.sigmas)) for m in moves
+    ]
 
 
 def test_on_the_same_noise_a_bias_within_chance_has_no_direction(tiny_run, tmp_path):

@@ -4,18 +4,19 @@
 """
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from faces import check_faces, shown
 from rows_by_name import cell, row
 from side_by_side import MANIFEST, league
 from snapshots import same
 
 from simval.account.terminal import lines
-from simval.cli import compare, gate, trend
+from simval.cli import gate
+from simval.cli.terminal import show
 from simval.judge import (
     compare_algorithms,
     compare_runs,
@@ -36,7 +37,12 @@ from simval.judge.formats import (
     to_markdown,
     trend_json,
 )
-from simval.judge.result_lines import BEGIN, gate_account
+from simval.judge.result_lines import (
+    algorithms_account,
+    gate_account,
+    runs_account,
+    trend_account,
+)
 from simval.results import CellName
 from simval.sweep.run import CellResult, Run
 
@@ -98,7 +104,7 @@ def test_the_gate_on_a_terminal(judged, capsys):
 
 
 def test_the_gate_says_one_answer_with_every_count_in_every_face(before, judged):
-    """The counts are those of `headline`, which is made of the result by itself."""
+    """The sentence is that of `headline`, as on the page and in JUnit XML."""
     sound = judge_run(before)
     review = "this run was written to b.json: review it"
     few = replace(judged, unfinished=(), comparisons=(), verdicts=judged.verdicts[:1])
@@ -110,9 +116,7 @@ def test_the_gate_says_one_answer_with_every_count_in_every_face(before, judged)
         account = gate_account(result)
         (reply,) = account.replies
         assert account.answer == result.answer
-        assert reply.headline.startswith(BEGIN[result.answer])
-        counts = re.findall(r"\d+", headline(result))
-        assert sorted(re.findall(r"\d+", reply.headline)) == sorted(counts)
+        assert reply.headline == headline(result)
         assert (review[1:] in reply.do) == bool(result.first)
         assert json.loads(to_json(result, 0))["answers"] == [reply.as_object()]
         for face in (" ".join(" ".join(lines(account)).split()), to_markdown(result)):
@@ -136,24 +140,48 @@ def test_a_baseline_is_sorted_with_a_line_for_each_statistic(before, tmp_path):
 
 def test_a_comparison(before, after, capsys):
     found = compare_runs(before, after)
-    compare.show_runs(before, after, found, every=True)
+    show(runs_account(before, after, found), verbose=True)
+    show(runs_account(before, after, found))
     same("compare.txt", capsys.readouterr().out)
     same("compare.json", comparison_json(before, after, found))
 
 
 def test_a_series(before, after, capsys):
     found = trend_of([before, replace(after, cells=after.cells[:2])])
-    trend.show(found, every=True)
+    show(trend_account(found), verbose=True)
     same("trend.txt", capsys.readouterr().out)
     same("trend.json", trend_json(found))
 
 
 def test_two_algorithms(tmp_path, capsys, simval):
     found = compare_algorithms(league(tmp_path), "estimator-5", "simval:wahba")
-    compare.show_algorithms(found)
+    show(algorithms_account(found, 2.0))
     same("algorithms.txt", capsys.readouterr().out)
     for words in (["run"], ["run", "other", "--algorithms", "a", "b"]):
         assert simval("compare", *words)[0] == 2
+
+
+def test_each_change_is_in_the_short_view_of_every_face(before, after, tmp_path):
+    alone = replace(after, cells=(replace(after.cells[0], name="t()@1", study="t"),))
+    runs = [compare_runs(before, each) for each in (before, after, alone)]
+    found = trend_of([before, replace(after, cells=after.cells[:2])])
+    rank = league(tmp_path)
+    accounts = [
+        *(runs_account(before, each, made)
+          for each, made in zip((before, after, alone), runs, strict=True)),
+        trend_account(found), trend_account(replace(found, lines=(), breaks=())),
+        algorithms_account(compare_algorithms(rank, "estimator-5", "simval:wahba")),
+    ]  # fmt: skip
+    begins = ("No change", "Yes: 5", "Cannot", "Yes: 1", "Cannot", "No: worse")
+    for account, begin in zip(accounts, begins, strict=True):
+        check_faces(account)
+        assert account.replies[0].headline.startswith(begin)
+        assert max(map(len, lines(account))) <= 100
+    for face, spelled in shown(accounts[1]):
+        for words in (*(m.sentence for m in runs[1].moves), *runs[1].environment):
+            assert spelled(words) in face
+        for name in ("norm", "efficiency"):  # that one run has alone
+            assert spelled(f"s(noise=0.1)@1 {name}") in face
 
 
 def test_the_schema_fits_what_is_written(simval, judged):

@@ -5,12 +5,12 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from made import run
+from made import gate, run
 from run_series import add_run, commit_of
 from scipy import stats
 
 from simval.errors import InputError
-from simval.judge import read_runs, trend_of
+from simval.judge import compare_runs, read_runs, trend_of
 from simval.judge.levels import Series, least_p, steps_in
 
 
@@ -273,3 +273,26 @@ def test_runs_that_are_no_series_are_refused_in_words(folder, tiny_run, tmp_path
     shutil.rmtree(folder / "run5")
     (folder / "run3" / "timing.json").unlink()
     refused(folder, "the run run3 has no date")
+
+
+def test_another_seed_is_no_change_of_code_of_what_one_draw_gave():
+    """It states no error; what has no chance in it does not depend on the seed."""
+
+    def steps(*points, name="step_off"):
+        return [
+            each.run for each in trend_of([run({name: v}, s) for s, v in points]).breaks
+        ]
+
+    assert steps((1, 1.0), (2, 1.5)) == []
+    assert steps((1, 1.0), (1, 1.5)) == [1]
+    # of the same seed it is seen across the other one
+    assert steps((1, 1.0), (2, 1.5), (1, 1.2), (2, 1.5)) == [2]
+    assert steps((1, 1.0), (2, 1.5), name="bias_order") == [1]
+    for name, kind, change in (
+        ("step_off", "same", "unresolved"), ("bias_order", "changed", "changed")
+    ):  # fmt: skip
+        old, new = (run({name: v}, s) for s, v in ((1, 1.0), (2, 1.5)))
+        assert [d.kind for d in compare_runs(old, new).differences] == [kind]
+        (found,) = gate(old, new).comparisons
+        assert found.change == change
+        assert bool(found.reason)

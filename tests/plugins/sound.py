@@ -11,6 +11,7 @@ import numpy as np
 from places import EXAMPLES
 from scipy.spatial.transform import Rotation
 
+from simval.account.terminal import lines
 from simval.geometry import compose, normalize
 from simval.imu.attitude.comparators import davenport
 from simval.imu.filters.mekf import Mekf
@@ -24,6 +25,11 @@ OWN = find_plugin("simval:mekf", Filter)
 PASSIVE = {"components": "xyzs", "matrix": "passive"}
 GOOD = Estimator(name="good", estimate=davenport, **PASSIVE)
 ellipsoid = find_plugin(str(EXAMPLES / "ellipsoid.py"), Calibrator).calibrate
+
+
+def said_of(found):
+    """All that a check says, one blank between its words."""
+    return " ".join("\n".join(lines(found.account, verbose=True)).split())
 
 
 def leading(b1, b2, r1, r2, noise_std, factor=1.0):

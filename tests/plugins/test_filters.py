@@ -23,13 +23,13 @@ from sound import (
     Rate,
     converted,
     filtering,
+    said_of,
     told,
     tumbling,
 )
 
 from simval.check import check_function
-from simval.check import told as said_of
-from simval.check.causes import why
+from simval.check.causes import sound, why
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import (
     attitude_error,
@@ -446,7 +446,7 @@ def test_a_world_that_is_left_open_is_found():
         true = (world, form, "specific force")
         found = find_world(compass(true, (None, *true[1:])), told(), RATE)
         assert (found.world, found.alike) == (world, ())
-        assert f"stays in {world} within" in found.words
+        assert f"attitude in {world}; without noise it stays within" in found.words
     # one that is handed the field and its start may have any north
     for world, canonical in (("NED", "NED"), ("SEU", "NWU")):
         filter = replace(converted(world, ("sxyz", "active")), world=None)
@@ -584,20 +584,23 @@ def measured(nees, bound=1.0, stated=1.0, at=(), ratios=(), **shares):
 LATE, EARLY = [3.0, *[6.0] * 7], [3.2, 9.0, *[3.2] * 6]
 TOO_GREAT = ("magnetometer are 0.5 times .*is too great",)
 WHY = [
-    # a cell, and each sentence that is said of it
+    # a cell, and what is said of each cause
     (measured(3.0), ()),
     (measured(3.4), ()),  # within four standard errors
-    (measured(6.0), ("^overconfident: .*heading 1.41 times", "as small as they can")),
-    (measured(1.5), ("^underconfident: ", "look at what it states")),
-    (measured(6.0, 2.0), ("^over", "2 times the bound, and it states the bound")),
-    (measured(1.5, 2.0), ("^under", "weighs a sensor too little")),
-    (measured(6.0, 1.5, 0.5), ("^over", "states less than the bound")),
-    (measured(6.0, at=LATE), ("^over", "for the gyroscope is too small, or its bias")),
-    (measured(1.5, at=[3.0, *[1.0] * 7]), ("^under", "or for another sensor, is too")),
+    (measured(6.0), (r"^overconfident: .*are 1.414 .*at what it.*heading 1.41 times",)),
+    (measured(1.5), ("^underconfident: .*Look at what it states",)),
+    (measured(6.0, 2.0), ("^over.*2 times the bound, and it states the bound",)),
+    (measured(1.5, 2.0), ("^under.*weighs a sensor too little",)),
+    (measured(6.0, 1.5, 0.5), ("^over.*states less than the bound",)),
+    (
+        measured(6.0, at=LATE),
+        ("^over.*since 1 s .*1.41.* at 7 s.*for the gyroscope is too small, or its b",),
+    ),
+    (measured(1.5, at=[3.0, *[1.0] * 7]), ("^under.*or for another sensor, is too",)),
     (measured(6.0, at=EARLY), ("^over", "wrong at the start, most at 1 s")),
     (measured(3.0, ratios=[1.0] * 3 + [0.5] * 3), TOO_GREAT),
     (measured(6.0, ratios=[2.0] * 3 + [1.0] * 3), ("^over", "accelerometer are 2 t")),
-    (measured(6.0, ratios=[1.3] * 6), ("^over", "as small as they can be")),
+    (measured(6.0, ratios=[1.3] * 6), ("^over.*Look at what it states",)),
     (measured(9.0, ratios=[9.0] * 3 + [1.3] * 3), ("^over", "accelerometer are 9 t")),
     (
         measured(6.0, systematic=0.3),
@@ -608,10 +611,19 @@ WHY = [
 
 @pytest.mark.parametrize(("cell", "sentences"), WHY)
 def test_a_cause_is_named_by_its_numbers(cell, sentences):
-    said = why([cell])
+    said = [" ".join(cause) for cause in why([cell])]
     assert len(said) == len(sentences), said
     for words, sentence in zip(sentences, said, strict=True):
         assert re.search(words, sentence), sentence
+
+
+def test_what_is_not_wrong_is_said_with_its_number():
+    nis = rows_by_name.row("nis", 6.1, standard_error=0.1, prediction=6.0)
+    near, far = measured(6.0, 1.02), measured(6.0, 2.0)
+    assert sound([near]) == ["not wrong: its error (1.02 times the bound)"]
+    assert sound([near, far]) == []
+    seen = [replace(each, rows=(*each.rows, nis)) for each in (near, far)]
+    assert sound(seen) == ["not wrong: its squared innovations (6.10 ± 0.10 of 6)"]
 
 
 GYROSCOPE = "has for the gyroscope is too small|source of noise is missing"
@@ -638,8 +650,8 @@ FAULTS = [
     ({"bias gain": 0.1}, GYROSCOPE, ""),
     ({"bias sign": 1}, GYROSCOPE, ""),
     ({"start_std": 0.2}, "wrong at the start", ""),
-    ({"factor": 0.1}, "overconfident.*look at what it states", ""),
-    ({"factor": 10.0}, "underconfident.*look at what it states", ""),
+    ({"factor": 0.1}, "overconfident.*Look at what it states", ""),
+    ({"factor": 10.0}, "underconfident.*Look at what it states", ""),
 ]
 BY_DAY = ({"late": 2},)
 

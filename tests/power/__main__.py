@@ -36,6 +36,7 @@ TAIL_RUNS = {
     "estimator": 600,
     "calibrator": 200,
     "filter": 200,
+    "told": 60,
     "solvers": 200,
     "attitude_order": 200,
     "attitude_geometries": 20,

@@ -213,10 +213,8 @@ def test_a_change_is_better_or_worse_by_its_size(baseline, how, factor, word):
     (_, _, before), section = first_screen(other, **asked)
     assert before[0].startswith(f"{word} than")
     v, s, _ = value(run, "calibration", "sd[K_x]", "first order", poses=20)
-    # the gate counts by the stored error, of two runs of one noise; the comparison by
-    # that of two independent ones
-    error = s if how == "baseline" else s * np.sqrt(2.0)
-    sigmas = abs(factor - 1.0) * v / error
+    # on the same noise by the error of the value before
+    sigmas = abs(factor - 1.0) * v / s
     assert f"{word} 1, most sd[K_x]" in before[1]
     sign = "+" if factor > 1.0 else "−"
     assert f"{sign}50 % ({sigmas:.1f} standard errors)" in before[1]

@@ -60,6 +60,8 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "type A": ("coverage", {"poses": 12, "trials": 4096}, 16, ()),
     "known": ("coverage", {"sigma": "known", "poses": 12, "trials": 4096}, 16, ()),
     "temperature": ("thermal", {"trials": 1024}, 32, CI),
+    "a rule of thumb": ("told", {"setting": "tenfold"}, 6, ()),
+    "found settings": ("told", {"vector_error": 1e-3}, 6, SLOW),
     "solvers": ("solvers", {}, 9, ()),
     "attitude": ("attitude", {"noise_std": 0.02, "samples": 400_000}, 67, ()),
     "attitude_order": ("attitude_order", {"noise": "full"}, 10, ()),

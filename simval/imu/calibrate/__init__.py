@@ -3,6 +3,7 @@
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.files import load_calibration, save_calibration
+from simval.imu.calibrate.gravity import Gravity, local_gravity
 from simval.imu.calibrate.gyroscope import GyroscopeFit
 from simval.imu.calibrate.joint import Calibration, fit
 from simval.imu.calibrate.magnetometer import MagnetometerFit, ellipsoid_then_rotation
@@ -18,6 +19,7 @@ __all__ = [
     "Calibration",
     "Diagnosis",
     "FitResult",
+    "Gravity",
     "GyroscopeFit",
     "InterRestRotations",
     "MagnetometerFit",
@@ -28,6 +30,7 @@ __all__ = [
     "fit",
     "inter_rest_rotations",
     "load_calibration",
+    "local_gravity",
     "recording_of",
     "save_calibration",
 ]

@@ -16,6 +16,7 @@ from simval.arguments import choice, switch, whole_number
 from simval.arrays import (
     Array,
     noise_levels,
+    nonnegative_number,
     physical_array,
     positive_number,
     shaped_array,
@@ -226,6 +227,7 @@ def calibrate(
     repeats: bool = False,
     condition_limit: float = CONDITION_LIMIT,
     covariance: bool = True,
+    g_std: float = 0.0,
 ) -> FitResult:
     """Fit scale, misalignment and bias to readings at rest, one set or a batch.
 
@@ -267,6 +269,9 @@ def calibrate(
     covariance : bool, default True
         Work out the covariance; False leaves it NaN, for a simulation that needs the
         parameters only.
+    g_std : float, default 0.0
+        Standard deviation of `g`, m/s^2; 0 takes gravity as exact. `local_gravity` has
+        both of a place.
 
     Returns
     -------
@@ -287,7 +292,8 @@ def calibrate(
     -----
     The squared residual is that of the three source derivations. Norms say nothing
     of a rotation of the axes or of the sign of an axis, and a wrong `g` is a wrong
-    scale: K is proportional to `g`, T and B do not depend on it.
+    scale: K is proportional to `g`, T and B do not depend on it, eq. (GR3) of
+    `simval.imu.calibrate.gravity`.
     """
     options = Options(
         model=model, method=method, residual=residual, loss=loss, g=g, step=step,
@@ -295,6 +301,7 @@ def calibrate(
         tolerance=tolerance, max_iterations=max_iterations, full_scale=full_scale,
         repeats=repeats, condition_limit=condition_limit, covariance=covariance,
     )  # fmt: skip
+    g_std = nonnegative_number("g_std", g_std, "m/s^2")
     readings = pose_means("poses", poses)
     count = readings.shape[-2]
     if count < PARAMETERS:
@@ -341,7 +348,7 @@ def calibrate(
         covariance_kind=kind,
         dof=dof,
         **numbers,
-    )
+    ).with_gravity(g_std)
 
 
 def _suspects(

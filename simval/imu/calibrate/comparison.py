@@ -18,7 +18,9 @@ correlated, so the verdict is that of all together,
 the generalised p-value of the multivariate Behrens-Fisher problem (Gamage, Mathew and
 Weerahandi 2004): :math:`\alpha` is what a variance may be over what it was found to
 be, 1 where the noise is known. For one unknown variance it is Hotelling's F. (Welch's
-degrees of freedom alarm up to 16 times too often at 12 poses against 40.)
+degrees of freedom alarm up to 16 times too often at 12 poses against 40.) What the
+uncertainty of gravity adds, eq. (GR3) of `gravity`, is known, and added as it is; where
+both took the same gravity and uncertainty its error is one, and none of the difference.
 A difference
 that is too small by as little a chance is of no independent data: one log, or a file
 and its copy, and then nothing is told of the sensor. What a difference does to a
@@ -49,7 +51,8 @@ from simval.imu.calibrate.files import (
     load_thermal,
     named,
 )
-from simval.imu.calibrate.thermal import Thermal, law
+from simval.imu.calibrate.gravity import Gravity
+from simval.imu.calibrate.thermal import Term, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
@@ -76,21 +79,24 @@ class State:
     """What one file states of one sensor: parameters, M and b among them."""
 
     parameters: Float[Array, " p"]
-    covariance: Float[Array, "p p"]  # NaN where it is not stated
+    covariance: Float[Array, "p p"]  # for a known gravity; NaN where it is not stated
     dof: float  # infinite where the noise is known
     matrix: Float[Array, "3 3"]
     bias: Float[Array, "3"]
     size: float  # length of the vector whose correction is compared
+    # what one standard deviation of gravity does to the parameters, (p,)
+    gravity: Any = 0.0
 
     @property
     def sd(self) -> Float[Array, " p"]:
         """Standard deviation of each parameter."""
-        return np.sqrt(np.diagonal(self.covariance))
+        return np.sqrt(np.diagonal(self.covariance) + self.gravity**2)
 
     @property
     def expanded(self) -> Float[Array, " p"]:
         """Expanded uncertainty of each parameter at `COVERAGE`."""
-        return scipy.special.stdtrit(self.dof, 0.5 + COVERAGE / 2.0) * self.sd
+        share = np.diagonal(self.covariance) / self.sd**2
+        return scipy.special.stdtrit(self.dof / share**2, 0.5 + COVERAGE / 2) * self.sd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,17 +127,19 @@ class SensorComparison:
     def chi_square(self) -> float:
         """Joint square of the difference, as if both variances were known."""
         split = self._split()
-        return float(np.sum(split[1] ** 2)) if split is not None else np.nan
+        return np.nan if split is None else float(_square(np.ones(len(split.z)), split))
 
-    def _split(self) -> tuple[Array, Array] | None:
-        # shares of A in V, and the difference, in coordinates in which V is the unit
+    def _split(self) -> "_Split | None":
+        # in coordinates in which the sum of both covariances is the unit
         V = self.a.covariance + self.b.covariance
         sd = np.sqrt(np.diagonal(V))
         scaled = V / np.outer(sd, sd)
         if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < 1e-12:
             return None
         share, basis = scipy.linalg.eigh(self.a.covariance / np.outer(sd, sd), scaled)
-        return np.clip(share, 0.0, 1.0), basis.T @ (self.difference / sd)
+        gravity = np.stack([each.gravity / sd for each in (self.a, self.b)], axis=1)
+        share, z = np.clip(share, 0.0, 1.0), basis.T @ (self.difference / sd)
+        return _Split(share, z, basis.T @ gravity)
 
     @property
     def freedom(self) -> str:
@@ -149,10 +157,10 @@ class SensorComparison:
         split = self._split()
         if split is None:
             return np.nan
-        share, z = split
+        share = split.share
         (alpha, weight_a), (beta, weight_b) = map(_variances, (self.a.dof, self.b.dof))
         V = alpha[:, None, None] * share + beta[:, None] * (1.0 - share)
-        tails = scipy.special.chdtrc(len(z), np.sum(z**2 / V, axis=-1))
+        tails = scipy.special.chdtrc(len(share), _square(V, split))
         return float(min(weight_a @ tails @ weight_b, 1.0))
 
     @property
@@ -174,6 +182,24 @@ class SensorComparison:
         raw = np.linalg.solve(self.a.matrix, u.T).T + self.a.bias
         moved = (raw - self.b.bias) @ self.b.matrix.T - u
         return float(np.max(np.linalg.norm(moved, axis=1)))
+
+
+class _Split(NamedTuple):
+    """The covariances of both, diagonal, and what gravity adds to each."""
+
+    share: Float[Array, " p"]  # of A in the sum of both
+    z: Float[Array, " p"]  # the difference
+    gravity: Float[Array, "p 2"]  # a column of each
+
+
+def _square(V: Float[Array, "... p"], split: _Split) -> Any:
+    """The difference over its covariance: diagonal, and of gravity (Woodbury)."""
+    _, z, own = split
+    scaled = own / V[..., None]
+    inner = np.eye(2) + own.T @ scaled
+    off = np.swapaxes(scaled, -1, -2) @ z
+    less = np.vecdot(off, np.linalg.solve(inner, off[..., None])[..., 0])
+    return np.sum(z**2 / V, axis=-1) - less
 
 
 def _variances(dof: float) -> tuple[Array, Array]:
@@ -328,13 +354,8 @@ def compare_calibrations(
         "A and B are taken for independent data of one sensor; U is expanded to "
         f"{100 * COVERAGE:g} %, and B - A is beyond it above E_n = 1"
     ]
-    g, other = (x.states["accelerometer"].size for x in (first, second))
-    if g != other:
-        off = 100.0 * abs(other / g - 1.0)
-        notes.append(
-            f"A took {g:.6g} m/s^2 for g and B {other:.6g}: where one is wrong, its K "
-            f"is wrong by {off:.2g} %"
-        )
+    first, second, said, unsure = _of_gravity(first, second)
+    notes += [said] * bool(said)
     if first.form != second.form:
         words = f"accelerometer: B, of the {second.form} form, is turned to the"
         notes.append(f"{words} {first.form}")
@@ -362,7 +383,7 @@ def compare_calibrations(
         notes=tuple(notes),
         causes=(
             "two sensors",
-            *["a wrong g"] * (g != other),
+            *["a wrong g"] * unsure,
             *["another temperature"] * alone,
         ),
         doubted=tuple(x for x, file in files.items() if file.doubts),
@@ -422,7 +443,7 @@ def _at_one_temperature(first: "_File", second: "_File", sensor: str) -> _Both:
     return _Both((a, b), f"both at {degrees:.2f} degC ({ends})")
 
 
-def _moved(state: State, own: Thermal, degrees: float) -> State:
+def _moved(state: State, own: Term, degrees: float) -> State:
     """A state at another temperature, the covariance of the terms in its own."""
     powers = own.powers(np.array([degrees]))
     nothing = np.zeros((1, 3))
@@ -442,6 +463,28 @@ def _moved(state: State, own: Thermal, degrees: float) -> State:
         state, parameters=p, covariance=state.covariance + J @ own.covariance @ J.T,
         matrix=state.matrix * grown, bias=p[-3:],
     )  # fmt: skip
+
+
+def _of_gravity(first: "_File", second: "_File") -> tuple["_File", "_File", str, bool]:
+    """Both with what gravity adds to a difference, what to say, and if g is doubted."""
+    a, b, said = first.g, second.g, ""
+    if a.std and a == b:
+        said = (
+            f"both took {a.words}: its error is in both K and not in B - A; if the "
+            "places differ, state each (--latitude, --height)"
+        )
+        return first.at_known_gravity(), second.at_known_gravity(), said, False
+    if a.std and b.std:
+        said = (
+            f"A took {a.words}, and B {b.words}: both uncertainties are in those of K"
+        )
+    elif a.g != b.g:
+        off = 100.0 * abs(b.g / a.g - 1.0)
+        said = (
+            f"A took {a.g:.6g} m/s^2 for g and B {b.g:.6g}: where one is wrong, its K "
+            f"is wrong by {off:.2g} %"
+        )
+    return first, second, said, a.g != b.g and not (a.std and b.std)
 
 
 def _apart(first: "_File", second: "_File", sensor: str) -> str:
@@ -476,9 +519,15 @@ class _File:
     form: Model  # of the accelerometer's parameters; the other sensors have its axes
     states: dict[str, State]
     more: set[str]
-    warm: dict[str, Thermal]
+    warm: dict[str, Term]
     seen: tuple[float, ...]  # least and greatest temperature of its rests, if told
+    g: Gravity
     doubts: tuple[str, ...]  # of its bars, by its own checks
+
+    def at_known_gravity(self) -> "_File":
+        """Return the same without what the uncertainty of gravity adds."""
+        own = replace(self.states["accelerometer"], gravity=0.0)
+        return replace(self, states=self.states | {"accelerometer": own})
 
 
 def _read(path: Path, form: Model | None = None) -> _File:
@@ -494,9 +543,9 @@ def _read(path: Path, form: Model | None = None) -> _File:
     turned = fit.to_form(form or fit.model)
     states = {
         "accelerometer": State(
-            parameters=turned.parameters, covariance=turned.covariance,
-            dof=float(fit.dof) if guessed else np.inf,
-            matrix=turned.matrix, bias=turned.B, size=fit.g,
+            parameters=turned.parameters, dof=float(fit.dof) if guessed else np.inf,
+            covariance=turned.with_gravity(0.0).covariance, matrix=turned.matrix,
+            bias=turned.B, size=fit.g, gravity=turned.of_gravity,
         )
     }  # fmt: skip
     more: set[str] = set()
@@ -516,6 +565,7 @@ def _read(path: Path, form: Model | None = None) -> _File:
         more=more,
         warm=warm,
         seen=_seen(data),
+        g=Gravity(fit.g, fit.g_std),
         doubts=tuple(
             f"its error bars are not honest: {one_line(str(each.get('words')))}"
             for each in (checks if isinstance(checks, list) else ())

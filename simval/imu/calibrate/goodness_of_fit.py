@@ -43,6 +43,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import scipy
 
+from simval.account import Remark
 from simval.arrays import Array, ReadOnly
 from simval.imu.sensor import forms
 from simval.shapes import Float
@@ -405,17 +406,21 @@ class SensorResiduals(ReadOnly):
         return int(np.argmax(np.nan_to_num(self.deviations)))
 
     @property
-    def sentence(self) -> str:
-        """What is to be known of the sensor, in a line."""
-        said = (
-            f"chi2 {self.chi_square:.3g} of {self.dof:.3g} "
+    def remark(self) -> Remark:
+        """What is to be known of the sensor."""
+        off = float(self.deviations[self.worst])
+        words = (
+            f"{self.name}: chi2 {self.chi_square:.3g} of {self.dof:.3g} "
             f"(chance {chance_words(self.p_value, 2)}); farthest off {self.item} "
-            f"{self.worst} ({self.deviations[self.worst]:.3g} standard deviations)"
+            f"{self.worst} ({off:.3g} standard deviations)"
         )
+        kind, do = "residuals", ""
         if self.outliers:
             named = " and ".join(f"{self.item} {k}" for k in self.outliers)
-            said += f"; does not belong: {named}, look at it and leave it out"
-        return said
+            kind, words = "outliers", f"{words}; does not belong: {named}"
+            do = "Look at it and leave it out."
+        numbers = {"worst": self.worst, "standard_deviations": off}
+        return Remark(kind, words, do, numbers)
 
     def as_object(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""

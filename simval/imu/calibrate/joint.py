@@ -38,6 +38,7 @@ from simval.imu.calibrate.equations import Problem
 from simval.imu.calibrate.estimate import Estimate
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, widened
 from simval.imu.calibrate.gauss_newton import JointSolution, minimize, weighed
+from simval.imu.calibrate.gravity import gravity_error
 from simval.imu.calibrate.gyroscope.calibration import ESTIMATORS, fit_gyroscope
 from simval.imu.calibrate.gyroscope.noise import Weighting, noise_of
 from simval.imu.calibrate.gyroscope.residuals import InterRest
@@ -271,7 +272,7 @@ def _with_gyroscope(
     own = recording.accelerometer or accelerometer_of(recording)
 
     def fitted(means: Recording) -> Calibration:
-        found = fit_gyroscope(means, own, estimator, start)
+        found = fit_gyroscope(means, own.with_gravity(0.0), estimator, start)
         values = np.concatenate([found.accelerometer, found.parameters], axis=-1)
         return _of_two(means, found, values, accelerometer=own, gyroscope=found)
 
@@ -311,25 +312,27 @@ def accelerometer_of(recording: Recording) -> FitResult:
     std = np.broadcast_to(std, recording.poses.shape[:-1])
     return calibrate(
         recording.poses, recording.g, recording.model, residual="weighted",
-        noise_std=std if np.all(std > 0.0) else None,
+        noise_std=std if np.all(std > 0.0) else None, g_std=recording.g_std,
     )  # fmt: skip
 
 
 def _with_errors_of_terms(
     recording: Recording, fitted: Callable[[Recording], Calibration]
 ) -> Calibration:
-    # the fit, with what the errors of terms add to its covariance
+    # the fit, with what the errors of terms and of gravity add to its covariance
     found = fitted(recording)
-    if not recording.single:
+    P = np.array(found.covariance)
+    if recording.single:
+        P = np.array(widened(
+            P, lambda shift: fitted(recording.moved(shift)).parameters, recording.shifts
+        ))  # fmt: skip
+        if found.gyroscope is not None:
+            P[9:18, 9:18] += recording.taken.of_scale
+    elif not recording.g_std:
         return found
-    P = widened(
-        found.covariance,
-        lambda shift: fitted(recording.moved(shift)).parameters,
-        recording.shifts,
-    )
-    if found.gyroscope is not None:
-        P = np.array(P)
-        P[9:18, 9:18] += recording.taken.of_scale
+    ratio = recording.g_std / recording.g
+    off = gravity_error(recording.model, found.parameters[..., :9], ratio)
+    P[..., :9, :9] += off[..., :, None] * off[..., None, :]
     return found.with_covariance(P)
 
 

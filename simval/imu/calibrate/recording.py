@@ -27,7 +27,7 @@ from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import checked_time, pose_means
 from simval.imu.calibrate.path_statistics import InterRestRotations
 from simval.imu.calibrate.result import FitResult
-from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.thermal import Term
 from simval.imu.sensor import forms
 from simval.shapes import Float
 from simval.vocabulary import Model
@@ -43,7 +43,7 @@ OTHERS = ("gyroscope", "magnetometer")
 class Taken(NamedTuple):
     """What was taken out of the readings, and how well it is known."""
 
-    thermal: Mapping[str, Thermal] = {}  # by sensor
+    thermal: Mapping[str, Term] = {}  # by sensor
     # what specific force does to the gyroscope, raw units per m/s^2, and its sd, (3, 3)
     G: Any = frozen(np.zeros((3, 3)))
     G_sd: Any = frozen(np.zeros((3, 3)))
@@ -95,8 +95,8 @@ class Recording(ReadOnly):
         white noise.
     time : array_like or None
         When each rest was, s, (n,); None: in their order.
-    g : float
-        Gravity there, m/s^2.
+    g, g_std : float
+        Gravity there and its standard deviation, m/s^2; 0 takes it as exact.
     field : float
         Strength of the magnetic field there, in the unit that the magnetometer's M is
         wanted in; it changes nothing else.
@@ -131,6 +131,7 @@ class Recording(ReadOnly):
     bias_std: Any = None
     time: Any = None
     g: float = 9.80665
+    g_std: float = 0.0
     field: float = 1.0
     hemisphere: Hemisphere = "unstated"
     model: Model = "triangular"
@@ -162,10 +163,11 @@ class Recording(ReadOnly):
                 raise InputError(msg)
         if self.accelerometer is not None:
             own = instance("accelerometer", self.accelerometer, FitResult)
-            require_same("accelerometer", own, self.g, self.model)
+            require_same("accelerometer", own, self)
         checked |= self._noise()
         checked["time"] = checked_time(self.time, shape[-2])
         checked["g"] = positive_number("g", self.g, "m/s^2")
+        checked["g_std"] = nonnegative_number("g_std", self.g_std, "m/s^2")
         checked["field"] = positive_number("field", self.field, "")
         checked["model"] = choice("model", self.model, forms.MODELS)
         checked["hemisphere"] = choice("hemisphere", self.hemisphere, HEMISPHERES)
@@ -252,13 +254,15 @@ class Recording(ReadOnly):
         return replace(self, **changed)
 
 
-def require_same(name: str, fit: FitResult, g: float, model: str) -> None:
-    """Require a calibration with this gravity, in this form."""
-    if (fit.g, fit.model) != (g, model):
+def require_same(name: str, fit: FitResult, recording: Recording) -> None:
+    """Require a calibration with the gravity of a recording, in its form."""
+    g, g_std, model = recording.g, recording.g_std, recording.model
+    if (fit.g, fit.g_std, fit.model) != (g, g_std, model):
         msg = (
-            f"`{name}` was calibrated with g = {fit.g:g} m/s^2 in the {fit.model} form,"
-            f" and the recording has {g:g} and {model}; the two must be the same, so "
-            f"give `g=fit.g`, `model=fit.model`"
+            f"`{name}` was calibrated with g = {fit.g:g} ± {fit.g_std:.2g} m/s^2 in "
+            f"the {fit.model} form, and the recording has {g:g} ± {g_std:.2g} and "
+            f"{model}; the two must be the same, so give `g=fit.g`, "
+            "`g_std=fit.g_std`, `model=fit.model`"
         )
         raise InputError(msg)
 

@@ -47,6 +47,7 @@ def recording_of(
     magnetometer: Any = None,
     temperature: Any = None,
     g: float = 9.80665,
+    g_std: float = 0.0,
     field: float = 1.0,
     hemisphere: Hemisphere = "unstated",
     model: Model = "triangular",
@@ -78,8 +79,9 @@ def recording_of(
     temperature : array_like, optional
         Of the sensor at each row, degrees Celsius, (n,): the gyroscope's bias and
         scale may depend on it, by odds and an F test.
-    g : float
-        Gravity there, m/s^2, as the next three of `Recording`.
+    g, g_std : float
+        Gravity there and its standard deviation, m/s^2, as the next three of
+        `Recording`.
     field : float
         Strength of the magnetic field there.
     hemisphere : {"unstated", "north", "south"}
@@ -129,7 +131,7 @@ def recording_of(
     force = _checked("accelerometer", accelerometer, len(clock))
     at = checked_rests(intervals, len(clock))
     given: dict[str, Any] = dict(
-        g=g, field=field, hemisphere=hemisphere, model=model,
+        g=g, g_std=g_std, field=field, hemisphere=hemisphere, model=model,
         time=clock[at.sum(axis=1) // 2],
     )  # fmt: skip
     for name, means_of, std, rows in (

@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import scipy
 
+from simval.account import Remark
 from simval.arrays import Array, ReadOnly
 from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM
 from simval.shapes import Float
@@ -130,30 +131,33 @@ class RestTemperatures(ReadOnly):
         )
 
     @property
-    def monotone(self) -> str:
-        """Say that it rises or falls with time, or nothing."""
+    def monotone(self) -> Remark | None:
+        """That it rises or falls with time, or nothing."""
         if len(self.mean) < 3 or not self.span > 0.0:
-            return ""
+            return None
         ranks = [scipy.stats.rankdata(x) for x in (self.mean, self.time)]
         found = float(np.corrcoef(*ranks)[0, 1])
         if not abs(found) > MONOTONE:
-            return ""
-        return (
+            return None
+        words = (
             f"the temperature {'rises' if found > 0.0 else 'falls'} with time "
-            f"(rank correlation {found:.2f}), so that a drift in time looks the same "
-            "and cannot be told apart: cool down again in the same recording"
+            f"(rank correlation {found:.2f}), so that a drift in time looks the same"
         )
+        do = "Let it cool down again in the same recording."
+        return Remark("with time", words, do, {"rank_correlation": found})
 
     @property
-    def confounded(self) -> str:
-        """Say what else looks the same as an effect of temperature, or nothing."""
+    def confounded(self) -> Remark | None:
+        """What else looks the same as an effect of temperature, or nothing."""
         if self.monotone or self.by_force < FOLLOWS:
             return self.monotone
-        return (
+        words = (
             f"the temperature follows the direction of the force (R^2 "
             f"{self.by_force:.2f}), so that bias and scale in it hide each other and "
-            "the parameters: take the poses in another order"
+            "the parameters"
         )
+        do = "Take the poses in another order."
+        return Remark("with force", words, do, {"R2": self.by_force})
 
     def not_modelled(self, why: str) -> str:
         """Say that it changed and nothing is made of it, if it did."""
@@ -171,7 +175,7 @@ class RestTemperatures(ReadOnly):
         if left - 3 < LEAST_LEFT:
             return (
                 f"{len(self.mean)} rests leave {left} degree(s) of freedom, and three "
-                f"terms with {LEAST_LEFT} to spare need {3 + LEAST_LEFT}: add rests"
+                f"terms with {LEAST_LEFT} to spare need {3 + LEAST_LEFT}"
             )
         return ""
 

@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from simval.arrays import Array
+from simval.arrays import Array, nonnegative_number
 from simval.imu.calibrate.estimate import Estimate
+from simval.imu.calibrate.gravity import gravity_error
 from simval.imu.calibrate.values import accelerometer_account
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.shapes import Float
@@ -62,6 +63,9 @@ class FitResult(Estimate):
     raw_range : Array
         Least and greatest reading of each axis that it was made from, raw units,
         (..., 3, 2); NaN where that is not known.
+    g_std : float
+        Standard deviation of `g`, m/s^2, with which the covariance is, eq. (GR3) of
+        `simval.imu.calibrate.gravity`; 0 where gravity was taken as exact.
     """
 
     ample: ClassVar[int] = 200  # the default: sets that can be fitted take 5 to 20
@@ -84,6 +88,7 @@ class FitResult(Estimate):
     chi2_per_dof: Float[Array, "..."]
     gradient_norm: Float[Array, "..."]
     raw_range: Float[Array, "... 3 2"]
+    g_std: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -130,9 +135,51 @@ class FitResult(Estimate):
         """Unit of the raw readings of one fit, by their size at rest."""
         return raw_unit(float(np.mean(np.abs(self.raw_per_g))))
 
+    @property
+    def of_gravity(self) -> Float[Array, "... 9"]:
+        """What one standard deviation of gravity does to the parameters, (..., 9)."""
+        return gravity_error(self.model, self.parameters, self.g_std / self.g)
+
+    def with_gravity(self, g_std: float) -> "FitResult":
+        """Return the same fit, with a covariance for another knowledge of gravity.
+
+        Parameters
+        ----------
+        g_std : float
+            Standard deviation of `g`, m/s^2; 0 takes gravity as exact.
+
+        Returns
+        -------
+        FitResult
+            The fit, eq. (GR3) of `simval.imu.calibrate.gravity`.
+        """
+        if g_std == self.g_std:
+            return self
+        other = replace(self, g_std=nonnegative_number("g_std", g_std, "m/s^2"))
+        new, old = other.of_gravity, self.of_gravity
+        more = new[..., :, None] * new[..., None, :]
+        more = more - old[..., :, None] * old[..., None, :]
+        return replace(other, covariance=self.covariance + more)
+
+    @property
+    def freedom(self) -> Any:
+        """Degrees of freedom of the variance of each parameter, (..., 9).
+
+        By Welch and Satterthwaite (JCGM 100:2008, eq. (G.2b)), as that of gravity is
+        known; those of the residuals where gravity was taken as exact.
+        """
+        if self.covariance_kind != "type A":
+            return np.inf
+        if not self.g_std:
+            return float(self.dof)
+        variance = self.sd**2
+        share = np.maximum(1.0 - self.of_gravity**2 / variance, 0.0)
+        with np.errstate(divide="ignore"):
+            return self.dof / share**2
+
     def _quantile(self, tail: float) -> Any:
         if self.covariance_kind == "type A":
-            return scipy.special.stdtrit(self.dof, tail)
+            return scipy.special.stdtrit(self.freedom, tail)
         return scipy.special.ndtri(tail)
 
     def to_form(self, model: Model) -> "FitResult":

@@ -11,12 +11,10 @@ parameters are those at T_0, and a reading y at T is that of the sensor at T_0 w
 is :math:`y' = b + (1 + \kappa\tau) \circ (y - b - \beta\tau)`.
 
 **Evidence.** Terms are added three at a time, one for each axis: bias or scale, linear
-first. Of those that may follow, the one that explains most is kept if chance gives as
-much in less than `FALSE_ALARM` over their number (the F test of `goodness_of_fit.Drop`,
-by the residuals' own scatter or by a noise that explains them), and so on. A sensor
-that does not depend on temperature is given a term with that chance at most. Where a
-drift in time, (W1) of `drift`, explains as much with as little chance, no term is added
-and that is said.
+first, by the odds that judge all else (`simval.imu.explain.temperature_effect`). A
+sensor that does not depend on temperature is given a term in one log of a hundred at
+most. Where something else explains as much, such as a drift in time or a rest that is
+off, no term is added and that is said.
 
 **Error bars.** The covariance is that of all parameters, by the scatter that is left
 with as many degrees of freedom (Student's t). What is fitted afterwards to the
@@ -26,35 +24,46 @@ an efficient estimate of the rest at known terms is uncorrelated with their erro
 temperature beyond the rests' nothing bears out the polynomial, whatever its bars say.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
 
 from simval.arrays import Array, ReadOnly
-from simval.imu.calibrate.drift import find_drift, of_a_triad
 from simval.imu.calibrate.equations import Accelerometer, Corrected, Problem
 from simval.imu.calibrate.gauss_newton import minimize
-from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM, Drop
 from simval.imu.calibrate.rest_temperatures import (
     LEAST_LEFT,
     RestTemperatures,
     Within,
 )
+from simval.imu.explain import RestMeans
+from simval.imu.explain.explanation import Kind
+from simval.imu.explain.judgement import KEPT, Effect, temperature_effect
 from simval.imu.sensor import forms
 from simval.shapes import Float
-from simval.text import chance_words
 from simval.vocabulary import Model
 
-Term = tuple[str, int]  # bias or scale, and the power of the temperature
-TERMS: Final[tuple[Term, ...]] = (
+TERMS: Final[tuple[Effect, ...]] = (
     ("bias", 1), ("scale", 1), ("bias", 2), ("scale", 2),
 )  # fmt: skip
+
+
+class Course(NamedTuple):
+    """What is known of each row, that a bias or a scale may follow."""
+
+    name: str  # of the rows of a log
+    unit: str  # of a change of it
+    at: str  # of a value
+
+
+TEMPERATURE: Final = Course("temperature", "K", "degC")
+TIME: Final = Course("time", "s", "s")
 EDGE: Final = 0.1
 """Of the span seen: so far beyond it a reading is corrected, and that is said."""
+DRIFTS: Final[frozenset[Kind]] = frozenset({"bias drift", "scale drift"})
+"""Kinds of explanations that terms in time take into the fit."""
 _STEPS = 50
 _FLOOR = 1e-11  # of the readings' size: a noise of zero is rounding
 
@@ -64,7 +73,7 @@ class _ThermalVector(Corrected):
     # vectors of a triad with terms, and the chain rule through them
     raw: Float[Array, "t n 3"]  # readings less the bias at their temperature
     stretch: Float[Array, "t n 3"]  # factor of the scale there
-    terms: tuple[Term, ...]
+    terms: tuple[Effect, ...]
     powers: Float[Array, "n j"]
 
     def pull(
@@ -86,7 +95,7 @@ class _ThermalVector(Corrected):
 class ThermalTriad(Accelerometer):
     """A triad of a vector of known length, its parameters those of (TH1)."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[Effect, ...]
     powers: Float[Array, "n j"]  # means of tau and of its square over each rest
 
     size = property(lambda self: 9 + 3 * len(self.terms))
@@ -109,14 +118,14 @@ class ThermalTriad(Accelerometer):
         )  # fmt: skip
 
 
-def names_of(terms: tuple[Term, ...]) -> tuple[str, ...]:
+def names_of(terms: tuple[Effect, ...], over: Course = TEMPERATURE) -> tuple[str, ...]:
     """Names of the coefficients of some terms, axis by axis."""
-    power = {1: "K", 2: "K^2"}
+    power = {1: over.unit, 2: f"{over.unit}^2"}
     return tuple(f"{what}_{a} per {power[j]}" for what, j in terms for a in "xyz")
 
 
 def law(
-    terms: tuple[Term, ...],
+    terms: tuple[Effect, ...],
     values: Float[Array, "... k 3"],
     powers: Float[Array, "n 2"],
     x: Float[Array, "... n 3"],
@@ -133,7 +142,7 @@ def law(
 
 
 def by_terms(
-    terms: tuple[Term, ...], by_bias: Array, by_scale: Array, powers: Array
+    terms: tuple[Effect, ...], by_bias: Array, by_scale: Array, powers: Array
 ) -> list[Array]:
     """Derivatives by each term: those by bias or scale times its power of tau."""
     by = {"bias": by_bias, "scale": by_scale}
@@ -141,36 +150,39 @@ def by_terms(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Thermal(ReadOnly):
-    """Terms of one sensor in temperature.
+class Term(ReadOnly):
+    """What acts on the bias and scale of one sensor: temperature, or time.
 
     Attributes
     ----------
     reference : float
-        Temperature of the calibration, degrees Celsius.
+        Temperature of the calibration, degrees Celsius, or its time, s.
     low, high : float
-        Least and greatest temperature of the rests, degrees Celsius.
+        Least and greatest of the rests, in that unit.
     terms : tuple of tuple
-        What depends on temperature, ``bias`` or ``scale``, and its power.
+        What depends on it, ``bias`` or ``scale``, and its power.
     coefficients : Array
-        Of each term and axis, (k, 3): raw units over K to the power, and of a scale 1
-        over K to the power.
+        Of each term and axis, (k, 3): raw units over K (s) to the power, and of a scale
+        1 over K (s) to the power.
     covariance : Array
         Of the coefficients, axis by axis within term by term, (3 k, 3 k).
     centre : Array
         Reading about which a scale multiplies, raw units, (3,).
     dof : int
         Degrees of freedom that the covariance was estimated with.
+    over : Course
+        Temperature or time.
     """
 
     reference: float
     low: float
     high: float
-    terms: tuple[Term, ...]
+    terms: tuple[Effect, ...]
     coefficients: Float[Array, "k 3"]
     covariance: Float[Array, "c c"]
     centre: Float[Array, "3"]
     dof: int
+    over: Course = TEMPERATURE
 
     @property
     def sd(self) -> Float[Array, "k 3"]:
@@ -221,19 +233,19 @@ class Thermal(ReadOnly):
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values, the bars over the range beside it."""
-        at = np.linspace(self.low, self.high, 5)
+        at, unit = np.linspace(self.low, self.high, 5), self.over.at
         return {
-            "reference_degC": self.reference,
-            "range_degC": [self.low, self.high],
+            f"reference_{unit}": self.reference,
+            f"range_{unit}": [self.low, self.high],
             "terms": [list(term) for term in self.terms],
-            "names": list(names_of(self.terms)),
+            "names": list(names_of(self.terms, self.over)),
             "coefficients": self.coefficients.tolist(),
             "sd": self.sd.tolist(),
             "covariance": self.covariance.tolist(),
             "centre": self.centre.tolist(),
             "dof": self.dof,
             "bars_over_range": [
-                {"degC": float(T)} | {k: v.tolist() for k, v in self.bars(T).items()}
+                {unit: float(T)} | {k: v.tolist() for k, v in self.bars(T).items()}
                 for T in at
             ],
         }
@@ -264,47 +276,32 @@ class ThermalChoice(NamedTuple):
     """What the readings owe to temperature, as far as the evidence bears it."""
 
     rests: RestTemperatures | None = None  # None without a temperature
-    thermal: Thermal | None = None
+    thermal: Term | None = None
     reason: str = ""
     tested: bool = True  # False where an effect may be left out
     fit: ThermalFit | None = None  # with the terms
-    shifts: Any = ()  # `Thermal.shifts` of the poses
+    shifts: Any = ()  # `Term.shifts` of the poses
     within: Within | None = None
 
 
-def following(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
-    """Sets of terms that may come next: a square only after its linear term.
-
-    Bias and scale together as well, since each hides what the other explains.
-    """
-    free = [
-        term
-        for term in TERMS
-        if term not in terms and (term[1] == 1 or (term[0], 1) in terms)
-    ]
-    pairs = [pair for pair in (TERMS[:2], TERMS[2:]) if set(pair) <= set(free)]
-    more = [*((term,) for term in free), *pairs]
-    return [tuple(t for t in TERMS if t in (*terms, *each)) for each in more]
-
-
 def choose_thermal(
-    poses: Float[Array, "n 3"],
+    means: RestMeans,
     rests: RestTemperatures,
     *,
     start: Float[Array, "9"],
     model: Model,
     g: float,
     std: Float[Array, " n"],
-    known: bool,
+    over: Course = TEMPERATURE,
 ) -> ThermalChoice:
-    """Choose terms of a triad by the F test, and fit them with its parameters.
+    """Choose terms of a triad by their odds, and fit them with its parameters.
 
     Parameters
     ----------
-    poses : Array
-        Mean reading of each rest, raw units, (n, 3).
+    means : RestMeans
+        Mean reading of each rest and its noise.
     rests : RestTemperatures
-        Of these.
+        Of these, or their times in its place.
     start : Array
         Parameters without terms, (9,).
     model : str
@@ -312,106 +309,49 @@ def choose_thermal(
     g : float
         Length of the vector, as corrected.
     std : Array
-        Noise of each pose mean, raw units, (n,): its relative size where not known.
-    known : bool
-        Whether the noise is that, or has to be taken from the residuals.
+        Noise by which the poses are weighed, raw units, (n,).
+    over : Course
+        Temperature or time.
 
     Returns
     -------
     ThermalChoice
         The terms, or why there are none.
     """
+    poses, not_modelled = means.readings, rests.not_modelled
+    if over is TIME:
+        not_modelled = "no drift is taken into the fit, because {}".format
     why = rests.refusal(len(poses) - 9)
     if why:
-        return ThermalChoice(rests, reason=rests.not_modelled(why), tested=False)
-    fitted = partial(_fitted, poses, rests.powers, model, g, std)
-    terms, last, chance, untold = _selected(poses, rests, start, fitted, known)
+        return ThermalChoice(rests, reason=not_modelled(why), tested=False)
+    most = (len(poses) - 9 - LEAST_LEFT) // 3
+    # where it rises all the time, either is said to fit
+    drifts = DRIFTS if over is TIME or rests.monotone else frozenset[Kind]()
+    found = temperature_effect(replace(means, temperature=rests.mean), most, drifts)
+    size, terms = np.exp(min(found.odds, 700.0)), found.effects
+    last = _fitted(poses, rests.powers, model, g, std, start, terms)
     if last is None or not terms:
-        what = f"no term passes the F test ({FALSE_ALARM:g} by chance allowed)"
-        reason = rests.not_modelled(untold or what)
-        return ThermalChoice(rests, reason=reason, tested=not untold)
+        what = f"the odds of an effect are {size:.2g} ({KEPT:g} needed)"
+        if found.rival is not None:
+            what = f"{found.rival.sentence(means.time)}, which explains it as well"
+        elif last is None:
+            what = "the effect cannot be told from the parameters"
+        reason, tested = not_modelled(what), last is not None and not found.rival
+        return ThermalChoice(rests, reason=reason, tested=tested)
     dof = len(poses) - last.theta.size
-    thermal = Thermal(
+    thermal = Term(
         reference=rests.reference, low=rests.low, high=rests.high, terms=terms,
         coefficients=last.theta[9:].reshape(-1, 3),
         covariance=last.square / dof * last.covariance[9:, 9:],
-        centre=last.theta[6:9], dof=dof,
+        centre=last.theta[6:9], dof=dof, over=over,
     )  # fmt: skip
     kept = ", ".join(f"{what} {'linear' if j == 1 else 'square'}" for what, j in terms)
     reason = (
-        f"terms in temperature: {kept}; without an effect the chance of the last is "
-        f"{chance_words(chance, 2)} ({FALSE_ALARM:g} allowed)"
-        f"{untold and f'; no more, as {untold}'}"
+        f"terms in {over.name}: {kept}; odds of the last {size:.2g} ({KEPT:g} needed)"
     )
     return ThermalChoice(
-        rests, thermal, reason, tested=not untold, fit=last,
-        shifts=thermal.shifts(poses, rests.powers),
-    )  # fmt: skip
-
-
-def _selected(
-    poses: Float[Array, "n 3"],
-    rests: RestTemperatures,
-    start: Float[Array, "9"],
-    fitted: Callable[..., ThermalFit | None],
-    known: bool,
-) -> tuple[tuple[Term, ...], ThermalFit | None, float, str]:
-    # the terms that the F tests add, the fit with them, the chance of the last, and
-    # why there may be more
-    terms: tuple[Term, ...] = ()
-    last, chance, untold = fitted(start, terms), 1.0, ""
-    while last is not None:
-        tried: list[tuple[float, tuple[Term, ...], ThermalFit]] = []
-        for wider in following(terms):
-            more = 3 * (len(wider) - len(terms))
-            free = len(poses) - last.theta.size - more
-            if free < LEAST_LEFT:
-                continue
-            found = fitted(_widened(last.theta, terms, wider), wider)
-            if found is not None:
-                drop = Drop(rest=found.square, dof=free, known=1.0 if known else None)
-                tried.append((drop.chance(last.square, more), wider, found))
-        none = (1.0, terms, last)
-        least, wider, best = min(tried, key=lambda each: each[0], default=none)
-        if not (tried and least < FALSE_ALARM / len(tried)):
-            return terms, last, chance, ""
-        if not rests.monotone:  # of which either is said to fit
-            untold = _by_time(poses, rests, last, best, least * len(tried), known)
-        if untold:
-            return terms, last, chance, untold
-        terms, last, chance = wider, best, least * len(tried)
-    return terms, last, chance, "a fit without terms does not converge"
-
-
-def _by_time(
-    poses: Float[Array, "n 3"],
-    rests: RestTemperatures,
-    last: ThermalFit,
-    best: ThermalFit,
-    chance: float,
-    known: bool,
-) -> str:
-    # say that a drift explains as much as the best of further terms, or nothing
-    normal, x = last.slopes[:, 6:9], poses - last.theta[6:9]
-    drift = find_drift(
-        last.distances, last.slopes, of_a_triad(normal, x), rests.time, known=known
+        rests, thermal, reason, fit=last, shifts=thermal.shifts(poses, rests.powers)
     )
-    left = best.square / (len(poses) - best.theta.size)
-    if not (drift.p_value, drift.left) <= (chance, left):  # NaN: too few poses to tell
-        return ""
-    by_time, by_warmth = (chance_words(p, 2) for p in (drift.p_value, chance))
-    return (
-        f"a drift of {drift.what} in time explains it as well (chance {by_time}, and "
-        f"{by_warmth} of temperature)"
-    )
-
-
-def _widened(
-    theta: Float[Array, " p"], terms: tuple[Term, ...], wider: tuple[Term, ...]
-) -> Float[Array, " q"]:
-    # parameters with further terms of zero
-    own = dict(zip(terms, theta[9:].reshape(-1, 3), strict=True))
-    return np.concatenate([theta[:9], *(own.get(t, np.zeros(3)) for t in wider)])
 
 
 def thermal_problem(
@@ -420,7 +360,7 @@ def thermal_problem(
     model: Model,
     g: float,
     std: Float[Array, " n"],
-    terms: tuple[Term, ...],
+    terms: tuple[Effect, ...],
 ) -> Problem:
     """The equations of one triad with terms; without any those of `Accelerometer`."""
     floor = _FLOOR * float(np.abs(poses).max())
@@ -433,11 +373,12 @@ def thermal_problem(
 
 def _fitted(
     poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: Model, g: float,
-    std: Float[Array, " n"], start: Float[Array, " p"], terms: tuple[Term, ...],
+    std: Float[Array, " n"], start: Float[Array, "9"], terms: tuple[Effect, ...],
 ) -> ThermalFit | None:  # fmt: skip
     # None where the terms cannot be told from the parameters
     problem = thermal_problem(poses[None], powers, model, g, std, terms)
-    found = minimize(problem, start[None], _STEPS)
+    first = np.concatenate([start, np.zeros(3 * len(terms))])
+    found = minimize(problem, first[None], _STEPS)
     here = found.here
     covariance, pivot = here.covariance()
     if not (found.converged[0] and pivot[0] > 1e-10):  # of rounding: 1e-13

@@ -28,7 +28,7 @@ from simval.imu.sensor.readable import (
     worst_axis,
 )
 from simval.shapes import Float
-from simval.spelling import counted
+from simval.spelling import counted, measured, rounded
 from simval.units import (
     OF_A_LOG,
 )
@@ -57,7 +57,7 @@ def how_good(
     The vector is gravity, or not a `force`: then a bias has no size as one.
     """
     known = bool(np.isfinite(fit.sd).all())
-    left, g = 1e3 * float(fit.rms), f"{fit.g:g} m/s²"
+    left = 1e3 * float(fit.rms)
     lines = [f"The poses leave {left:.2g} mm/s² RMS of | |TK(y - B)| - g |."] * force
     if bound is not None and known and np.all(bound > 0.0):
         lines.append(
@@ -65,10 +65,16 @@ def how_good(
             f"that these poses and their noise{more} allow (Cramér-Rao bound)."
         )
     lines.append(BARS[fit.covariance_kind])
-    if force:
+    if force and fit.g_std:
+        ppm = rounded(1e6 * fit.g_std / fit.g)
         lines.append(
-            f"Gravity was taken as {g}. If it is 0.1 % off, so is every K; T and B do "
-            "not change."
+            f"Gravity was taken as {measured(fit.g, fit.g_std)} m/s²: {ppm} ppm of "
+            "every error bar of K, and nothing of T and B."
+        )
+    elif force:
+        lines.append(
+            f"Gravity was taken as {fit.g:g} m/s². If it is 0.1 % off, so is every K; "
+            "T and B do not change."
         )
     return Reply(
         title="How good is it?",
@@ -111,8 +117,13 @@ def gyroscope_values(
     )
 
 
-def magnetometer_values(fit: Any, facts: tuple[Fact, ...] = ()) -> Values:
-    """M, hard iron b and the dip of a magnetometer, and what is wrong with them."""
+def magnetometer_values(
+    fit: Any, facts: tuple[Fact, ...] = (), answered: tuple[str, ...] = ()
+) -> Values:
+    """M, hard iron b and the dip of a magnetometer, and what is wrong with them.
+
+    Findings of a kind that an answer has said are not notable here.
+    """
     own = fit.names[9:21], fit.parameters[9:21], fit.sd[9:21]
     (dip,) = quantities(
         ("dip",), *(np.degrees(np.reshape(x, 1)) for x in (fit.dip, fit.sd[-1]))
@@ -128,7 +139,7 @@ def magnetometer_values(fit: Any, facts: tuple[Fact, ...] = ()) -> Values:
             Line("dip", "° below the horizon", [dip]),
         ],
         facts=(
-            *(Fact("finding", each, notable=True) for each in fit.findings),
+            *(Fact("finding", str(x), x.kind not in answered) for x in fit.findings),
             Fact("taken", fit.assumption),
             chi_square(fit),
             *facts,
@@ -177,7 +188,7 @@ def noise_facts(noise: Any) -> tuple[Fact, ...]:
     return (
         *(Fact("noise", each, notable=True) for each in noise.sentences),
         *(
-            Fact("residuals", f"{x.name}: {x.sentence}", notable=bool(x.outliers))
+            Fact("residuals", str(x.remark), notable=bool(x.outliers))
             for x in noise.sensors
         ),
         Fact("least determined", noise.least_determined.sentence),

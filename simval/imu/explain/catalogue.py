@@ -36,6 +36,9 @@ SIDE = 2  # rests on either side of a step: one alone is a rest that is off
 _GAP = 0.25  # of an axis's span: a counter's laps leave such a gap
 _LAP = 1.05  # of the span seen, the lap that is expected
 _LAP_SD = 0.05
+# axes that an effect acts on, with a column for each: one, all alike, each by itself
+_SINGLES = [(a, np.eye(3)[:, [k]]) for k, a in enumerate(AXES)]
+_ALIKE, _ALL = ("", np.ones((3, 1))), (AXES, np.eye(3))
 
 
 def explanations(rests: RestMeans) -> Iterator[Explanation]:
@@ -106,35 +109,39 @@ def effects(rests: RestMeans) -> Iterator[Explanation]:
     """Steps, drifts, bends and noise of a sensor, and rests that are off."""
     y, n = rests.readings - rests.zero, len(rests.readings)
     radius = radius_of(y)
-    singles = [(a, np.eye(3)[:, [k]]) for k, a in enumerate(AXES)]
-    alike, all_three = ("", np.ones((3, 1))), (AXES, np.eye(3))
-    biases, scales = [*singles, all_three], [*singles, alike]
+    biases, scales = [*_SINGLES, _ALL], [*_SINGLES, _ALIKE]
     for k in range(SIDE, n - SIDE + 1):
         later = (np.arange(n) >= k).astype(float)
         since = tuple(range(k, n))
         yield from _courses(rests, "bias step", later, biases, STEP * radius, since)
-        yield from _courses(
-            rests, "scale step", later, [*scales, all_three], STEP, since
-        )
+        yield from _courses(rests, "scale step", later, [*scales, _ALL], STEP, since)
     for tau, course in _times(rests.time):
         yield from _courses(
             rests, "bias drift", course, biases, DRIFT * radius, size=tau
         )
         if np.isnan(tau):
             yield from _courses(rests, "scale drift", course, scales, DRIFT)
-    for course in _powers(rests.temperature):
-        yield from _courses(
-            rests, "bias in temperature", course, biases, DRIFT * radius
-        )
-        yield from _courses(rests, "scale in temperature", course, scales, DRIFT)
+    yield from in_temperature(rests)
     for power, k in product((2.0, 3.0), range(3)):
         course = radius * (y[:, k] / radius) ** power
-        yield from _courses(rests, "curvature", course, [singles[k]], BEND, size=power)
+        yield from _courses(rests, "curvature", course, [_SINGLES[k]], BEND, size=power)
     yield from (off(rests, (k,)) for k in range(n))
     up = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), np.finfo(float).tiny)
     for (k, a), times in product(enumerate(AXES), NOISES):
         noise = np.hypot(1.0, times * up[:, k])
         yield explanation(rests, "noise", a, size=times, noise=noise)
+
+
+def in_temperature(rests: RestMeans) -> Iterator[Explanation]:
+    """Bias and scale that follow the temperature or its square, by axis and for all."""
+    radius, axes = radius_of(rests.readings - rests.zero), [*_SINGLES, _ALL]
+    for power, course in _powers(rests.temperature):
+        yield from _courses(
+            rests, "bias in temperature", course, axes, DRIFT * radius, size=power
+        )
+        yield from _courses(
+            rests, "scale in temperature", course, [*axes, _ALIKE], DRIFT, size=power
+        )
 
 
 def plain(rests: RestMeans) -> Explanation:
@@ -158,11 +165,11 @@ def _times(time: Array) -> Iterator[tuple[float, Array]]:
             yield tau * span, np.exp((time[0] - time) / (tau * span))
 
 
-def _powers(temperature: Array | None) -> Iterator[Array]:
+def _powers(temperature: Array | None) -> Iterator[tuple[float, Array]]:
     if temperature is not None and np.ptp(temperature) > 0.0:
         t = temperature - temperature.mean()
         t = t / np.abs(t).max()
-        yield from (t, t**2 - np.mean(t**2))
+        yield from ((1.0, t), (2.0, t**2 - np.mean(t**2)))
 
 
 def _courses(

@@ -16,6 +16,10 @@ each further one.
 
 The posterior share of an explanation is its term of O. It is named alone at `NAMED`;
 otherwise those that make it up cannot be told apart.
+
+**What the temperature does** is asked whatever the misfit, for where it is recorded an
+effect is taken into the fit (`temperature_effect`): at odds of `KEPT` alone, and if no
+other explanation has a share in it.
 """
 
 from collections import Counter
@@ -28,8 +32,15 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.imu.explain.catalogue import effects, explanations, off, plain
-from simval.imu.explain.explanation import Explanation, RestMeans
+from simval.imu.explain.catalogue import (
+    AXES,
+    effects,
+    explanations,
+    in_temperature,
+    off,
+    plain,
+)
+from simval.imu.explain.explanation import Explanation, Kind, RestMeans
 from simval.imu.explain.likelihood import Fit, along, farthest, fits, zero_of
 from simval.shapes import Float
 from simval.text import chance_words
@@ -41,6 +52,12 @@ LEADS, MOST, MORE = 3, 3, 0.25
 LISTED = 4  # of what was tried, the likeliest
 INNOCENT = frozenset({"rest off", "noise"})
 """Kinds that accuse no sensor."""
+
+KEPT = 2.0
+"""Odds at which an effect of temperature is taken into a fit: less than one log of a
+hundred without one exceeds them, whatever its noise was said to be. Measured,
+`tests/imu/calibrate/test_thermal.py`."""
+Effect = tuple[str, int]  # bias or scale, and the power of the temperature
 
 Answer = Literal["sound", "unknown", "remark", "refusal"]
 
@@ -212,16 +229,11 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
     Judgement
         Sound, or what is wrong.
     """
-    rests = replace(rests, zero=zero_of(rests, rests.readings))
-    first = fits([plain(rests)], rests, along(rests))[0]
-    noise = along(rests, first)
-    null = fits([plain(rests)], rests, noise)[0]
+    rests, noise, null = _null(rests)
     judgement = Judgement(null.chance(rests.freedom), null.misfit)
     if judgement.answer == "sound":
         return judgement
-    sets = [k for k in farthest(rests, noise, null) if len(k) > 1]
-    tried = [*explanations(rests), *(off(rests, k) for k in sets), *extra]
-    entries = _entries(tried, rests, noise, null)
+    entries = _every(rests, noise, null, extra)
     last, best = entries, 0.0
     for _ in range(1, MOST):
         lead = max(last, key=_weight)
@@ -239,6 +251,120 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
     return judgement._replace(
         odds=odds, findings=_findings(entries, np.exp(weight - odds))
     )
+
+
+class Temperature(NamedTuple):
+    """What readings owe to temperature.
+
+    Attributes
+    ----------
+    effects : tuple of tuple
+        Bias or scale, and the power of the temperature; none where nothing is kept.
+    odds : float
+        Odds of the last of these, or of any, natural logarithm.
+    rival : Explanation or None
+        What explains as much without a temperature, so that none is kept.
+    """
+
+    effects: tuple[Effect, ...]
+    odds: float
+    rival: Explanation | None = None
+
+
+def temperature_effect(
+    rests: RestMeans, most: int, besides: frozenset[Kind] = frozenset()
+) -> Temperature:
+    """Choose what readings owe to temperature, by the same odds as all else.
+
+    Bias and scale, each linear before it is square, are added while their odds beside
+    those that are there pass `KEPT`.
+
+    Parameters
+    ----------
+    rests : RestMeans
+        Mean readings with the temperature of each rest.
+    most : int
+        Most effects.
+    besides : frozenset of str, optional
+        Kinds that nothing tells from an effect of temperature here, as a drift where it
+        rises all the time: they are no rivals.
+
+    Returns
+    -------
+    Temperature
+        The effects, or why there are none.
+    """
+    rests, noise, null = _null(rests)
+    found, odds = tuple[Effect, ...](), -np.inf
+    lead: _Entry | None = None
+    while tried := _following(rests, found, most):
+        entries = _entries(tried, rests, noise, null, lead)
+        before = 0.0 if lead is None else lead.weight
+        more = float(scipy.special.logsumexp([e.weight for e in entries])) - before
+        if more <= np.log(KEPT):
+            odds = odds if found else more
+            break
+        groups: dict[tuple[Effect, ...], list[_Entry]] = {}
+        for entry in entries:
+            groups.setdefault(_effects(entry.explanation), []).append(entry)
+        some = max(groups.values(), key=lambda each: max(map(_weight, each)))
+        whole = [e for e in some if all(p.axes == AXES for p in e.explanation.parts)]
+        lead, odds = max(whole, key=_weight), more
+        found = _effects(lead.explanation)
+        lead = lead._replace(weight=float(max(map(_weight, some))))
+    if lead is None:
+        return Temperature((), odds)
+    own = _TEMPERATURE | besides
+    others = [e for e in _every(rests, noise, null) if not e.explanation.kinds <= own]
+    against = float(scipy.special.logsumexp([e.weight for e in others]))
+    if lead.weight - np.logaddexp(lead.weight, against) < np.log(NAMED):
+        return Temperature((), odds, max(others, key=_weight).explanation)
+    return Temperature(found, odds)
+
+
+_TEMPERATURE: frozenset[Kind] = frozenset(
+    {"bias in temperature", "scale in temperature"}
+)
+
+
+def _effects(explanation: Explanation) -> tuple[Effect, ...]:
+    parts = {(p.kind.split()[0], round(p.size)) for p in explanation.parts}
+    return tuple(sorted(parts, key=lambda effect: (effect[1], effect[0])))
+
+
+def _following(
+    rests: RestMeans, found: tuple[Effect, ...], most: int
+) -> list[Explanation]:
+    # what may come next: a square only after its linear term; bias and scale together
+    # as well, since each hides what the other explains
+    free = [
+        e for e in in_temperature(rests)
+        for what, power in _effects(e)
+        if (what, power) not in found and (power == 1 or (what, 1) in found)
+    ]  # fmt: skip
+    whole = [e for e in free if e.axes == AXES]
+    pairs = [
+        a.also(b) for a in whole for b in whole
+        if (a.size, a.kind, b.kind) == (b.size, *sorted(_TEMPERATURE))
+    ]  # fmt: skip
+    room = most - len(found)
+    return free * (room > 0) + pairs * (room > 1)
+
+
+def _null(rests: RestMeans) -> tuple[RestMeans, Array, Fit]:
+    # the rests about their zero, the noise that lengths feel, and the plain fit
+    rests = replace(rests, zero=zero_of(rests, rests.readings))
+    first = fits([plain(rests)], rests, along(rests))[0]
+    noise = along(rests, first)
+    return rests, noise, fits([plain(rests)], rests, noise)[0]
+
+
+def _every(
+    rests: RestMeans, noise: Array, null: Fit, extra: Sequence[Explanation] = ()
+) -> "list[_Entry]":
+    sets = [k for k in farthest(rests, noise, null) if len(k) > 1]
+    tried = [*explanations(rests), *(off(rests, k) for k in sets), *extra]
+    return _entries(tried, rests, noise, null)
 
 
 class _Entry(NamedTuple):

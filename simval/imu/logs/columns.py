@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simval.account import Remark
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.captures import sampled
@@ -439,7 +440,7 @@ def _by_header(
     return tuple(picked if clock is None else [clock, *picked])
 
 
-def several(table: Table, picked: Sequence[Column]) -> tuple[str, ...]:
+def several(table: Table, picked: Sequence[Column]) -> tuple[Remark, ...]:
     """Say which sensors a header names of which none is taken, and why."""
     names, channels = table.names or (), channels_of(table)
     taken = {each.role for each in picked}
@@ -452,10 +453,12 @@ def several(table: Table, picked: Sequence[Column]) -> tuple[str, ...]:
             if each.kind == kind and (each.axis or kind == "temperature")
         ]
         if own and not taken.issuperset(roles):
-            said.append(
+            words = (
                 f"the {name}: {listed(own, _SHOWN)} are not surely those beside the "
-                f"accelerometer; choose by --columns with {', '.join(roles)}"
+                "accelerometer"
             )
+            do = f"Choose by --columns with {', '.join(roles)}."
+            said.append(Remark("not taken", words, do, {"sensor": name}))
     return tuple(said)
 
 

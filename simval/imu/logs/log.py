@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.account import Fact
+from simval.account import Fact, Remark
 from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError, noting
 from simval.imu.logs.clock import GAP, read_clock, require_finite, times_of
@@ -59,7 +59,7 @@ class Log(ReadOnly):
         The columns of the file that these are.
     second : float
         Unit of the file's clock, s.
-    unclear : tuple of str
+    unclear : tuple of Remark
         Why a sensor that the file seems to have was left out.
     temperature : Array or None
         Of the sensor at each row, degrees Celsius, (n,).
@@ -79,7 +79,7 @@ class Log(ReadOnly):
     columns: tuple[Column, ...] = ()
     second: float = 1.0
     magnetometer: Float[Array, "n 3"] | None = None
-    unclear: tuple[str, ...] = ()
+    unclear: tuple[Remark, ...] = ()
     temperature: Float[Array, " n"] | None = None
     source: tuple[tuple[str, str], ...] = ()
     gyro_rows: Rows = BEFORE
@@ -174,7 +174,7 @@ class Log(ReadOnly):
             source += f", in units of {self.second:g} s"
         return (
             *_read(self.source, self.columns),
-            *(Fact("left out", each, notable=True) for each in self.unclear),
+            *(Fact("left out", str(each), notable=True) for each in self.unclear),
             Fact("clock", f"{source}: {self.said}"),
             *self._temperature(),
         )
@@ -338,7 +338,7 @@ def _taken(
         except InputError as error:
             if asked:
                 raise
-            unclear += (f"the temperature: {error}",)
+            unclear += (_not_taken("temperature", error),)
     readings, damaged = _readable(table, picked, asked=asked)
     unclear += damaged
     there = {kind: ~np.isnan(each[:, 0]) for kind, each in readings.items()}
@@ -398,21 +398,25 @@ def _first_cut(
     return replace(kept, source=(*kept.source, *said)), early, taken
 
 
+def _not_taken(sensor: str, why: object) -> Remark:
+    return Remark("not taken", f"the {sensor}: {why}", numbers={"sensor": sensor})
+
+
 def _readable(
     table: Table, picked: tuple[Column, ...], *, asked: bool
-) -> tuple[dict[Kind, Float[Array, "n 3"]], tuple[str, ...]]:
+) -> tuple[dict[Kind, Float[Array, "n 3"]], tuple[Remark, ...]]:
     # readings without those of a sensor that has none, or of a magnetometer that are
     # damaged and not asked for, and why
-    why: tuple[str, ...] = ()
+    why: tuple[Remark, ...] = ()
     try:
         found = _readings(table, picked)
     except InputError as error:
         least = tuple(each for each in picked if each.role not in ROLES["mag"])
         if asked or len(least) == len(picked):
             raise
-        found, why = _readings(table, least), (f"the magnetometer: {error}",)
+        found, why = _readings(table, least), (_not_taken("magnetometer", error),)
     none = [kind for kind, each in found.items() if np.isnan(each).all()]
-    why += tuple(f"the {SENSORS[kind]}: no row has a reading" for kind in none)
+    why += tuple(_not_taken(SENSORS[kind], "no row has a reading") for kind in none)
     if "force" in none or len(none) == len(found):
         msg = (
             f"{table.path}: no row has a reading of the {SENSORS[none[0]]}; name other "

@@ -39,13 +39,17 @@ from simval.imu.calibrate.path_statistics import Scheme
 from simval.imu.calibrate.recording import NOTHING, OTHERS, Hemisphere, Taken
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import (
-    Thermal,
+    TEMPERATURE,
+    TIME,
+    Course,
+    Term,
     ThermalChoice,
     ThermalFit,
     choose_thermal,
 )
+from simval.imu.explain import RestMeans
 from simval.imu.logs import Log
-from simval.imu.multiposition.case import case_of, kept
+from simval.imu.multiposition.case import case_of, kept, rest_means
 from simval.imu.multiposition.description import calibration_account
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
 from simval.imu.multiposition.log_units import Scale, units_of
@@ -161,6 +165,7 @@ def calibrate_log(
     log: Log,
     *,
     g: float = 9.80665,
+    g_std: float = 0.0,
     model: Model = "triangular",
     method: Method = "lm",
     residual: Residual = "squared",
@@ -171,6 +176,7 @@ def calibrate_log(
     full_scale: float | None = None,
     noise: NoiseFile | None = None,
     leave_out: Sequence[float] = (),
+    drift: bool = False,
     predict: Callable[..., Any] | None = None,
 ) -> LogCalibration:
     """Calibrate the accelerometer of a log.
@@ -179,8 +185,9 @@ def calibrate_log(
     ----------
     log : Log
         The log, see `simval.imu.logs.read_log`.
-    g : float
-        Local gravity, m/s^2.
+    g, g_std : float
+        Local gravity and its standard deviation, m/s^2, see
+        `simval.imu.calibrate.local_gravity`; 0 takes it as exact.
     model, method, residual, loss : str
         As in `simval.imu.calibrate.calibrate`.
     step : float, default 1.0
@@ -196,6 +203,9 @@ def calibrate_log(
         log's longest rest, and white noise alone where that is too short.
     leave_out : sequence of int or float
         Rests to leave out: an int is the number of one, a float a time within it, s.
+    drift : bool, default False
+        Whether the accelerometer's bias and scale may follow the time; the parameters
+        are those at the middle of the rests.
     predict : callable or None
         Theory of how well the sensor can be known from these rests, such as
         `simval.theory.calibration_moments`.
@@ -217,6 +227,7 @@ def calibrate_log(
         calibrate, g=g, model=model, method=method, residual=residual, loss=loss,
         full_scale=full_scale, step=step, iteration=iteration,
     )  # fmt: skip
+    over = _course(log, loss) if drift else TEMPERATURE
     try:
         rests = find_rests(log, rest)
         refusal: RefusedError | None = None
@@ -244,7 +255,8 @@ def calibrate_log(
             fit = fitted(poses, noise_std=stated).require_converged()
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
-        warm, further = _rest_terms(log, intervals, poses, fit, std, loss), None
+        means = rest_means(log, intervals, pose)
+        warm, further = _rest_terms(log, intervals, means, fit, std, loss, over), None
         if warm.fit is not None:
             log = at_reference(log, accelerometer=warm.thermal)
             poses = interval_means(log.accelerometer, intervals)
@@ -266,6 +278,7 @@ def calibrate_log(
         )  # fmt: skip
         sensor = fit.sensor()
         forces, initial = sensor.correct(poses), rests.initial
+        fit = fit.with_gravity(g_std)  # all before is by what the log shows
         result = LogCalibration(
             fit=fit,
             diagnosis=replace(diagnosis, do=case.do),
@@ -293,6 +306,18 @@ def calibrate_log(
     return result
 
 
+def _course(log: Log, loss: str) -> Course:
+    # of a drift that is asked for, where it can be told and fitted
+    if log.temperature is not None:
+        beside = "a temperature, by which terms go; leave its column out (--columns)"
+    elif loss != "linear":
+        beside = f"the loss {loss}; terms are fitted by least squares: leave it out"
+    else:
+        return TIME
+    msg = f"`drift` is asked for beside {beside}"
+    raise InputError(msg)
+
+
 def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
     """A log whose rests have the means that they would have without trembling."""
     if not np.any(pose.trembled):
@@ -304,15 +329,15 @@ def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
     return replace(log, accelerometer=rows)
 
 
-def at_reference(log: Log, **terms: Thermal | None) -> Log:
+def at_reference(log: Log, **terms: Term | None) -> Log:
     """A log as its sensors, by name, would have read at their references."""
-    if log.temperature is None:
-        return log
     rows = {name.replace("gyroscope", "gyro"): own for name, own in terms.items()}
     changed: dict[str, Any] = {
-        name: own.compensated(getattr(log, name), log.temperature)
+        name: own.compensated(getattr(log, name), course)
         for name, own in rows.items()
-        if own is not None and getattr(log, name) is not None
+        if own is not None
+        and getattr(log, name) is not None
+        and (course := getattr(log, own.over.name)) is not None
     }
     return replace(log, **changed)
 
@@ -320,22 +345,25 @@ def at_reference(log: Log, **terms: Thermal | None) -> Log:
 def _rest_terms(
     log: Log,
     rests: Intervals,
-    poses: Float[Array, "m 3"],
+    means: RestMeans,
     fit: FitResult,
     std: Float[Array, " m"] | None,
     loss: str = "linear",
+    over: Course = TEMPERATURE,
 ) -> ThermalChoice:
-    # the temperature of each rest, and what the readings owe to it
-    if log.temperature is None:
+    # the temperature of each rest, or its time, and what the readings owe to it
+    course = getattr(log, over.name)
+    if course is None:
         return ThermalChoice()
-    rested = RestTemperatures.of(log.temperature, log.time, rests, poses)
+    rested = RestTemperatures.of(course, log.time, rests, means.readings)
     if loss != "linear":
-        why = f"the loss is {loss}: the F test needs a linear one"
+        why = f"the loss is {loss}: terms are fitted by least squares"
         return ThermalChoice(rested, reason=rested.not_modelled(why), tested=False)
-    return choose_thermal(
-        poses, rested, start=fit.parameters, model=fit.model, g=fit.g,
-        std=np.ones(len(poses)) if std is None else std, known=std is not None,
+    found = choose_thermal(
+        means, rested, start=fit.parameters, model=fit.model, g=fit.g, over=over,
+        std=np.ones(len(rests)) if std is None else std,
     )  # fmt: skip
+    return found if over is TEMPERATURE else found._replace(rests=None)
 
 
 def _with_terms(
@@ -398,8 +426,8 @@ def calibrate_sensors(
     log = at_reference(log, accelerometer=result.warm.thermal)
     rests = partial(
         recording_of, log.time, log.accelerometer, result.intervals, g=result.fit.g,
-        model=result.fit.model, pose_std=result.pose_noise.std, field=field,
-        hemisphere=hemisphere,
+        g_std=result.fit.g_std, model=result.fit.model, field=field,
+        pose_std=result.pose_noise.std, hemisphere=hemisphere,
     )  # fmt: skip
     shifts = {"accelerometer": result.warm.shifts}
     parts: dict[str, Calibration] = {}
@@ -449,7 +477,7 @@ def calibrate_sensors(
     )
 
 
-def _terms(**found: Thermal | None) -> dict[str, Thermal]:
+def _terms(**found: Term | None) -> dict[str, Term]:
     # terms in temperature of the sensors that have any
     return {name: own for name, own in found.items() if own is not None}
 
@@ -553,8 +581,9 @@ def _fields(
         return samples, noise, warm
     fields = interval_means(samples, rests)
     std = None if np.any(noise.std == 0.0) else noise.std
+    means = rest_means(log, rests, noise, samples)
     warm = _rest_terms(
-        log, rests, fields, calibrate(fields, field, result.fit.model), std
+        log, rests, means, calibrate(fields, field, result.fit.model), std
     )
     warm = warm._replace(reason=warm.reason and f"magnetometer: {warm.reason}")
     if warm.thermal is not None:

@@ -14,7 +14,7 @@ from simval.imu.calibrate.files import (
     require_same_sensor,
 )
 from simval.imu.logs import Log
-from simval.imu.multiposition.log_units import said_of, units_of
+from simval.imu.multiposition.log_units import unit_facts, units_of
 
 
 class CorrectedLog(NamedTuple):
@@ -65,7 +65,8 @@ def corrected(
     matrices = {"accelerometer": fit.matrix}
     if gyroscope is not None and log.gyro is not None:
         matrices["gyro"] = gyroscope.M
-    said = [*said_of(units_of(log, matrices=matrices).values()), *said]
+    units = units_of(log, matrices=matrices).values()
+    said = [*(f"{label:18s}{words}" for label, words, _ in unit_facts(units)), *said]
     if gyroscope is not None and rate is not None:
         rate = gyroscope.correct(rate, specific_force=force)
         sensors.append("gyroscope")

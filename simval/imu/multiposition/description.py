@@ -16,8 +16,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
+from simval.account import (
+    Account,
+    Answer,
+    Fact,
+    Line,
+    Quantity,
+    Remark,
+    Reply,
+    Values,
+)
 from simval.arrays import Array
+from simval.files import digest
 from simval.imu.calibrate import MagnetometerFit
 from simval.imu.calibrate.diagnosis import (
     LEAST_FREEDOM,
@@ -37,7 +47,7 @@ from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.calibrate.reduction import variance_within
 from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
-from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.thermal import TEMPERATURE, TIME, Course, Term
 from simval.imu.calibrate.values import (
     gyroscope_values,
     how_good,
@@ -48,6 +58,13 @@ from simval.imu.calibrate.values import (
 )
 from simval.imu.explain.judgement import CHANCE
 from simval.imu.logs import Log
+from simval.imu.multiposition.record import (
+    bound_sd,
+    budget,
+    budget_object,
+    correlations,
+    gravity_words,
+)
 from simval.imu.sensor import forms
 from simval.imu.sensor.readable import WIDE, accelerometer_values
 from simval.imu.statics import Intervals
@@ -60,6 +77,7 @@ BEGIN = {True: "Yes", False: "No", None: "Cannot tell"}
 """The answer of a condition, as a mark and as a word."""
 REPEAT = "Repeat the first poses at the end."
 ADD = "Add poses."
+WARM = "Record more rests, warmer and colder in turn."
 
 
 class Condition(NamedTuple):
@@ -189,15 +207,16 @@ def _drift(name: str, found: Drift) -> Condition:
 def _temperature(whole: Any) -> Condition:
     # whether its effect is in the bars: tested, and not the same as a drift in time
     warm, words = whole.warm, "the temperature has no effect that is left out"
-    untold = warm.rests.confounded if whole.taken.thermal else ""
-    if not warm.tested and warm.rests.span >= LEAST_SPAN:
-        untold = untold or warm.reason
+    untold = warm.rests.confounded if whole.taken.thermal else None
+    if untold is None and not warm.tested and warm.rests.span >= LEAST_SPAN:
+        untold = Remark("not tested", warm.reason, WARM)
     return Condition(
         about="temperature of the rests",
         holds=None if untold else True,
         p_value=float("nan"),
         level=FALSE_ALARM,
-        words=untold or words,
+        words=untold.words if untold else words,
+        do=untold.do if untold else "",
     )
 
 
@@ -347,8 +366,9 @@ def _next(whole: Any) -> Reply:
     further = ", ".join(f"{x:.2f}" for x in whole.next_direction)
     rest = "rest" if len(outliers) == 1 else "rests"
     left = [f"The {name} is left out: {why}." for name, why in whole.left_out.items()]
-    if whole.pose_noise.source == "white":
+    if whole.pose_noise.do:
         left.append(f"The noise of a pose is {whole.pose_noise.words}.")
+        left.append(whole.pose_noise.do)
     return Reply(
         title="What next?",
         headline=f"Look at {rest} {', '.join(outliers)}, and calibrate without."
@@ -359,7 +379,6 @@ def _next(whole: Any) -> Reply:
         lines=(
             f"A pose with the force along ({further}) in sensor axes would lower the "
             "total variance most.",
-            f"Noise of a pose: {whole.pose_noise.words}.",
         ),
     )
 
@@ -378,17 +397,29 @@ def _values(whole: Any) -> Iterator[Values]:
     if compass is not None:
         facts = () if whole.together else noise_facts(compass.noise)
         noise = Fact("noise of a pose", _noise(whole.field_noise))
-        yield magnetometer_values(compass, (noise, *facts))
+        yield magnetometer_values(compass, (noise, *facts), ("poses", "varies"))
         sizes["magnetometer"] = np.linalg.norm(compass.M, axis=0), "of the field's unit"
     for name, each in whole.taken.thermal.items():
-        yield _thermal(name, each, *sizes[name])
+        yield _acting(name, each, *sizes[name])
+    if np.isfinite(fit.sd).all():
+        yield budget(whole)
+        names, signs = zip(*forms.entries(fit.model), strict=True)
+        yield correlations("accelerometer", names, fit.covariance, np.array(signs))
+    if own is not None:
+        yield correlations("gyroscope", own.names, own.own_covariance)
+    if compass is not None:
+        first = len(compass.names) - len(OWN_NAMES)
+        P = compass.covariance[first:, first:]
+        yield correlations("magnetometer", OWN_NAMES, P)
 
 
-def _thermal(name: str, found: Thermal, size: Array, unit: str) -> Values:
-    lines = []
+def _acting(name: str, found: Term, size: Array, unit: str) -> Values:
+    lines, at = [], "°C" if found.over is TEMPERATURE else "s"
+    # a drift is stated by the hour
+    unit_of_change, per_unit = ("K", 1.0) if at == "°C" else ("h", 3600.0)
     for k, (what, power) in enumerate(found.terms):
-        per = "K" if power == 1 else f"K^{power}"
-        factor = np.full(3, 1e6) if what == "scale" else size
+        per = unit_of_change if power == 1 else f"{unit_of_change}^{power}"
+        factor = per_unit**power * (1e6 if what == "scale" else size * np.ones(3))
         cells = [
             Quantity(f"{what}_{axis}/{per}", value, sd)
             for axis, value, sd in zip(
@@ -402,9 +433,9 @@ def _thermal(name: str, found: Thermal, size: Array, unit: str) -> Values:
     ]
     words = f"at either end a bias is off by {max(ends):.2g} {unit} (sd) more than at "
     return Values(
-        title=f"{name} in temperature",
-        how=f"about {found.reference:.2f} °C, seen from {found.low:.2f} to "
-        f"{found.high:.2f} °C",
+        title=f"{name} in {found.over.name}",
+        how=f"about {found.reference:.2f} {at}, seen from {found.low:.2f} to "
+        f"{found.high:.2f} {at}",
         lines=lines,
         facts=[Fact("ends", f"{words}the reference")],
     )
@@ -418,7 +449,7 @@ def _facts(whole: Any) -> Iterator[Fact]:
     fit = whole.accelerometer
     diagnosis, warm = whole.diagnosis, whole.warm
     for each in whole.units.values():
-        yield from (Fact("unit", words, notable=True) for words in each.said)
+        yield from (Fact("unit", str(remark), notable=True) for remark in each.said)
     if whole.gyroscope and whole.magnetometer and not whole.together:
         yield Fact("not together", whole.taken.reasons[-1], notable=True)
     yield Fact("initial rest", f"{whole.rest_seconds:.2f} s "
@@ -426,16 +457,20 @@ def _facts(whole: Any) -> Iterator[Fact]:
     yield Fact("static intervals", f"{len(whole.intervals)} (threshold "
                f"{whole.multiplier:g} times the variance at rest)")  # fmt: skip
     yield from (Fact("cut", each) for each in (*whole.steps, *whole.cuts))
-    if warm.rests is not None:
+    if warm.rests is None:
+        yield Fact("temperature", "not in the log")
+        yield from [Fact("drift", warm.reason)] if warm.reason else []
+    else:
         yield Fact("temperature", warm.rests.line)
         for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
             yield from [Fact("temperature", words)] if words else []
     yield status(fit)
-    yield Fact("fit", f"{fit.model} form, {fit_of(whole) or 'alone'}; condition of the "
-               f"poses {float(fit.condition):.3g}")  # fmt: skip
+    yield Fact("method", f"{fit.residual} residual, {fit.loss} loss, by {fit.method}; "
+               f"{fit.model} form, {fit_of(whole) or 'alone'}")  # fmt: skip
+    yield Fact("poses", f"condition {float(fit.condition):.3g}")
+    yield Fact("gravity", gravity_words(fit))
     per = "per degree of freedom"
     yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
-    yield Fact("verdict", diagnosis.verdict)
     yield from (Fact("in files", each) for each in forms.sign_notes(fit.model))
     yield Fact("noise of a pose", _noise(whole.pose_noise))
     if whole.pose_noise.source != "white":
@@ -443,13 +478,6 @@ def _facts(whole: Any) -> Iterator[Fact]:
         yield Fact("white noise", f"alone it would be {white:.4g}, and chi-square "
                    f"{whole.white_chi2_per_dof:.3g} {per}")  # fmt: skip
     yield Fact("least determined", diagnosis.least_determined.sentence)
-
-
-def bound_sd(result: Any) -> Float[Array, "9"]:
-    """Square root of the Cramer-Rao bound on each variance; NaN if not known."""
-    if result.predicted is None:
-        return np.full(9, np.nan)
-    return np.sqrt(np.diagonal(result.predicted.cramer_rao))
 
 
 def fit_of(whole: Any) -> str:
@@ -466,6 +494,7 @@ def log_object(log: Log) -> dict[str, Any]:
     taken = {each.role: [each.place + 1, each.name] for each in log.columns}
     return {
         "source": [list(each) for each in log.source],
+        "sha256": digest(log.path),
         "columns": taken,
         "rate": log.rate,
         "clock_unit_seconds": log.second,
@@ -495,6 +524,7 @@ def as_object(whole: Any) -> dict[str, Any]:
         "next_direction": whole.next_direction.tolist(),
         "bound_sd": None if whole.predicted is None else bound_sd(whole).tolist(),
         "bias": None if whole.predicted is None else whole.predicted.bias.tolist(),
+        "budget": budget_object(whole),
     }
 
 
@@ -508,11 +538,11 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "rests_degC": seen.mean.tolist(),
             "change_within_rest_K": seen.change.tolist(),
             "reasons": list(whole.thermal_reasons),
-            "confounded_with_time": seen.monotone,
-            "sensors": {
-                name: own.as_object() for name, own in whole.taken.thermal.items()
-            },
+            "confounded_with_time": str(seen.monotone or ""),
+            "sensors": _terms_object(whole, TEMPERATURE),
         }
+    if drifts := _terms_object(whole, TIME):
+        values["drift"] = {"sensors": drifts}
     if whole.gyroscope is not None:
         values["gyroscope"] = whole.gyroscope.as_object() | {
             "G": whole.taken.G.tolist(),
@@ -534,6 +564,11 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     values["judgements"] = [each.as_object() for each in conditions(whole)]
     values["ros_imu"] = message_covariances(log, whole)
     return values
+
+
+def _terms_object(whole: Any, over: Course) -> dict[str, Any]:
+    terms = whole.taken.thermal.items()
+    return {name: own.as_object() for name, own in terms if own.over is over}
 
 
 def _magnetometer_object(fit: MagnetometerFit) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
+from simval.account import Fact, Remark
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate
@@ -68,7 +69,7 @@ class Scale(NamedTuple):
         One raw unit by the readings over the one that is stated; NaN if not judged.
     axes : str
         ``as stated``, ``left-handed``, ``turned``, or ``turned or left-handed``.
-    said : tuple of str
+    said : tuple of Remark
         What is wrong with unit or axes, the likely reason, and what to do.
     """
 
@@ -78,12 +79,16 @@ class Scale(NamedTuple):
     kind: Judged = "not judged"
     factor: float = np.nan
     axes: str = "as stated"
-    said: tuple[str, ...] = ()
+    said: tuple[Remark, ...] = ()
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values."""
         known = np.isfinite(self.factor)
-        return self._asdict() | {"factor": self.factor if known else None}
+        return self._asdict() | {
+            "factor": self.factor if known else None,
+            "said": [str(each) for each in self.said],
+            "do": [each.do for each in self.said],
+        }
 
 
 def written_unit(log: Log, sensor: str) -> str:
@@ -149,9 +154,11 @@ def units_of(
     return found
 
 
-def said_of(units: Iterable[Scale]) -> list[str]:
-    """What is wrong with the units and axes of a log, in lines."""
-    return [f"{'unit':18s}{words}" for each in units for words in each.said]
+def unit_facts(units: Iterable[Scale]) -> tuple[Fact, ...]:
+    """What is wrong with the units and axes of a log."""
+    return tuple(
+        Fact("unit", str(x), notable=True) for each in units for x in each.said
+    )
 
 
 def _title(sensor: str) -> str:
@@ -175,12 +182,13 @@ def _judged(sensor: str, unit: str, given: bool, size: float, seen: Seen) -> Sca
     begin = f"{_title(sensor)}: {begin}, but one unit of the log is {shown} {name} by "
     if not seen.sure and 1.0 / DOUBTFUL < factor < DOUBTFUL:
         bias = abs(1.0 / factor - 1.0)
-        words = f"{begin}{seen.words}: another range, or a bias of {bias:.2g} g; "
-        words += "record rests on all sides to tell"
-        return stated._replace(kind="doubtful", factor=factor, said=(words,))
+        words = f"{begin}{seen.words}: another range, or a bias of {bias:.2g} g"
+        do = "Record rests on all sides to tell."
+        said = Remark("doubtful", words, do, {"factor": factor, "bias_g": bias})
+        return stated._replace(kind="doubtful", factor=factor, said=(said,))
     name, true, why = _reason(sensor, size, seen)
-    do = f"give {name or f'{true:.6g}'}" if true else "correct it"
-    do = do if given else "correct the header"
+    do = f"Give {name or f'{true:.6g}'}." if true else "Correct it."
+    do = do if given else "Correct the header."
     taken = stated
     if not given and true is None:
         how = f"not known, for the readings contradict {unit}; give --{sensor}-unit"
@@ -188,8 +196,9 @@ def _judged(sensor: str, unit: str, given: bool, size: float, seen: Seen) -> Sca
     elif not given:
         shown = name or f"{true:.5g} {_si(sensor)}"
         taken = Scale(true, f"{shown}, as the readings show", unit=name)
-    words = f"{begin}{seen.words}: {why}; {do}"
-    return taken._replace(kind="contradicted", factor=factor, said=(words,))
+    words = f"{begin}{seen.words}: {why}"
+    said = Remark("contradicted", words, do, {"factor": factor})
+    return taken._replace(kind="contradicted", factor=factor, said=(said,))
 
 
 def _reason(sensor: str, size: float, seen: Seen) -> tuple[str, float | None, str]:
@@ -257,7 +266,7 @@ def _shown(sensor: str, seen: Seen, means: Float[Array, "m 3"] | None) -> Scale:
     )
 
 
-def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[str, ...]]:
+def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[Remark, ...]]:
     # whether the axes are those of the accelerometer, and what is said if not
     own, told = ORDERS[seen.order], sensor != "magnetometer"
     if not told and hemisphere != "unstated" and abs(seen.upward) > LEVEL:
@@ -269,18 +278,22 @@ def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[str, ...
     begin = f"{_title(sensor)}: its x, y, z point along {_listed(own)} of the "
     begin += "accelerometer"
     if np.linalg.det(own) < 0.0:
-        words = f"{begin}, left-handed: {_mirror(own)}; change it, or the columns"
-        return "left-handed", (words,)
+        words, do = f"{begin}, left-handed: {_mirror(own)}", "Change the columns."
+        return "left-handed", (Remark("left-handed", words, do),)
     if not told:
         words = (
             f"{begin}, or in the other hemisphere along {_listed(-own)}, left-handed: "
-            f"{_mirror(-own)}; `simval calibrate --hemisphere` tells which"
+            f"{_mirror(-own)}"
         )
-        return "turned or left-handed", (words,)
+        kind, do = (
+            "turned or left-handed",
+            "State the hemisphere (simval calibrate --hemisphere).",
+        )
+        return kind, (Remark(kind, words, do),)
     plus = [AXES[k] for k in range(3) if own[k, k] > 0.0]
     words = f"{begin}: it is mounted so, or the accelerometer has the wrong sign in "
     words += plus[0] if len(plus) == 1 else "an axis"
-    return "turned", (words,)
+    return "turned", (Remark("turned", words),)
 
 
 def _listed(own: Float[Array, "3 3"]) -> str:

@@ -85,7 +85,6 @@ class MeansCalibration(Told):
                 *(Fact("left out", each, notable=True) for each in self.left_out),
                 Fact("assumed", _WORDS[self.sensor].format(g=fit.g), notable=not force),
                 status(fit),
-                Fact("verdict", found.verdict),
                 Fact("least determined", found.least_determined.sentence),
             ),
         )
@@ -106,6 +105,7 @@ def calibrate_means(
     fitted: Callable[[Float[Array, "n 3"], float], FitResult],
     *,
     g: float,
+    g_std: float = 0.0,
     field: float,
     leave_out: Sequence[float] = (),
 ) -> MeansCalibration:
@@ -146,6 +146,9 @@ def calibrate_means(
         for name, given, what in beside
         if given is not None and name != sensor
     )
+    diagnosis = diagnose(fit, poses)
+    if sensor == "accelerometer":
+        fit = fit.with_gravity(g_std)
     return MeansCalibration(
-        sensor=sensor, fit=fit, diagnosis=diagnose(fit, poses), rows=rows, left_out=left
+        sensor=sensor, fit=fit, diagnosis=diagnosis, rows=rows, left_out=left
     )

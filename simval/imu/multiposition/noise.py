@@ -198,6 +198,7 @@ def require_even(log: Log, start: int, stop: int) -> None:
 SHOWS = 5.0
 """Median rests in the longest one that shows how their means scatter. Allan variances
 go to a tenth of it, and the fitted model a factor of two farther."""
+LONGER = "Measure it in a longer rest (--noise FILE)."
 OTHER_UNIT = 5.0  # times the noise: 9.8, 1000, 57 or counts are other units
 
 
@@ -218,18 +219,22 @@ class PoseNoise(ReadOnly):
     slow : Array
         Times the variance that the rows of a rest would leave its mean if they were
         white, (m,).
+    rounded : Array
+        What of `std` the steps of the readings make, raw units, (m,).
     source : str
         ``white``, ``log`` (the log's longest rest), ``rests`` (all) or ``file``.
-    words : str
-        Where it comes from.
+    words, do : str
+        Where it comes from, and what would tell more of it.
     """
 
     std: Float[Array, " m"]
     white: Float[Array, " m"]
     source: str
     words: str
+    do: str = ""
     trembled: Float[Array, "m 3"] | float = 0.0
     slow: Float[Array, " m"] | float = 1.0
+    rounded: Float[Array, " m"] | float = 0.0
 
 
 def white_noise(
@@ -284,8 +289,8 @@ def pose_noise(
             axes = measure(samples[start:stop], log.rate, intervals=False)
         std = mean_noise(axes, (intervals[:, 1] - intervals[:, 0]) / log.rate)
     except RefusedError as refusal:
-        words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
-        return PoseNoise(std=white, white=white, source="white", words=words)
+        words = f"white noise alone: {refusal}"
+        return PoseNoise(std=white, white=white, source="white", words=words, do=LONGER)
     where = {"file": "the noise file", "log": "the log's longest rest"}[source]
     words = f"the Allan variance at each rest's length, of {where}"
     slow = (std / np.where(white > 0.0, white, np.inf)) ** 2
@@ -335,8 +340,11 @@ def along_gravity(
         ratios.append((square / max(free, 1.0), chi_square_chance(square, free)))
     (quarters, _), (eighths, p) = ratios
     known, alone = noise.std**2, noise.source == "white"
-    left = up**2 @ rounding_left(rests)
-    noise = replace(noise, trembled=lost[:, None] * x)
+    step = steps_of(rests)
+    left = up**2 @ rounding_left(rests, step)
+    # steps that noise blurs are noise of each row
+    rounded = np.sqrt(left + up**2 @ step**2 / SHARE / counts)
+    noise = replace(noise, trembled=lost[:, None] * x, rounded=rounded)
     beyond = alone or eighths * pooled[0] > np.max(known * counts)
     if trembles or (beyond and 2.0 * min(p, 1.0 - p) < BEYOND):
         q = max(2.0 * quarters - eighths, eighths / 9.0)
@@ -346,14 +354,18 @@ def along_gravity(
         )
         std = np.sqrt(pooled[0] * q / counts + left)
         slow = np.full(len(counts), q)
-        return replace(noise, std=std, source="rests", words=words, slow=slow)
+        return replace(noise, std=std, source="rests", words=words, do="", slow=slow)
     return replace(noise, std=np.sqrt(known + left))
 
 
-def rounding_left(rests: list[Array]) -> Float[Array, "3"]:
+def steps_of(rests: list[Array]) -> Float[Array, "3"]:
+    """Step of each axis's readings; 0 where there is none."""
+    return np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
+
+
+def rounding_left(rests: list[Array], step: Float[Array, "3"]) -> Float[Array, "3"]:
     """Variance of a mean that rounding leaves, where noise does not blur its steps."""
     counts = [len(rows) for rows in rests]
-    step = np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
     blurs = np.average([rows.var(axis=0) for rows in rests], axis=0, weights=counts)
     blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
     return np.asarray(step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs))

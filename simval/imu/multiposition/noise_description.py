@@ -9,7 +9,7 @@ import numpy as np
 from simval.account import Account, Fact, Line, Note, Quantity, Reply, Values
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_object
-from simval.imu.multiposition.log_units import Scale
+from simval.imu.multiposition.log_units import Scale, unit_facts
 from simval.imu.multiposition.noise import LogNoise
 from simval.imu.noise import AxisNoise, Coefficient
 from simval.imu.noise.components import LETTERS
@@ -265,8 +265,7 @@ def noise_account(found: LogNoise, sensors: Sensors) -> Account:
         values=[x.values for x in each],
         notes=tables,
         facts=[
-            *(Fact("unit", words, notable=True) for _, unit in sensors.values()
-              for words in unit.said),
+            *unit_facts(unit for _, unit in sensors.values()),
             *(Fact("raw unit", f"{name}: {unit.how}")
               for name, (_, unit) in sensors.items()),
         ],

@@ -49,10 +49,12 @@ from simval.imu.multiposition.description import (
 )
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.multiposition.noise_description import KALIBR, si_unit
+from simval.imu.multiposition.record import gravity_words
 from simval.imu.noise.model import equivalent_words, largest
 from simval.imu.sensor import gyroscope_factors
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
+from simval.spelling import in_ascii
 from simval.text import one_line
 from simval.units import OF_A_LOG
 
@@ -452,19 +454,21 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     RefusedError
         If nothing of it can be written.
     """
-    notes = _Notes(words for each in whole.units.values() for words in each.said)
+    notes = _Notes(str(each) for unit in whole.units.values() for each in unit.said)
     first, writer = WRITERS[name]
     lines = writer(name, log, whole, notes)
     for sensor, own in whole.taken.thermal.items():
-        ends = f"{own.low:.1f} to {own.high:.1f} degC, away from {own.reference:.1f}"
+        over, ends = own.over, f"{own.low:.1f} to {own.high:.1f} {own.over.at}"
         most, unit = _warm(sensor, whole)
-        notes.leave(sensor, "its terms in temperature are", most, f"{unit} at {ends}")
+        at = f"{unit} at {ends}, away from {own.reference:.1f}"
+        notes.leave(sensor, f"its terms in {over.name} are", most, at)
     notes += [f"{sensor}: {why}" for sensor, why in whole.left_out.items()]
     form = whole.accelerometer.model
     comments = [
         f"Calibration of {Path(log.path).name}, axes of the {form} form",
         f"honest bars: {honest(conditions(whole))[1]}",
+        f"gravity: {gravity_words(whole.accelerometer)}",
         *notes,
     ]
-    head = [*first, *(f"# {one_line(each)}" for each in comments)]
+    head = [*first, *(f"# {in_ascii(one_line(each))}" for each in comments)]
     return "\n".join([*head, *lines, ""]), tuple(notes)

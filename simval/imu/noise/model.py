@@ -218,13 +218,15 @@ class Largest(NamedTuple):
     value: float | None  # the largest of the axes
     bound: float | None  # the largest of the axes that show nothing
     horizon: float | None  # s, of a walk that is equivalent and not the noise's own
+    low: float = 0.0  # of the value's 95 % interval
+    high: float = np.inf
 
 
 def largest(
     axes: Sequence[AxisNoise], kind: str, scales: Float[Array, " axes"]
 ) -> Largest:
     """N or K of the three axes: the largest that is seen, and the largest bound."""
-    seen: list[tuple[float, float | None]] = []
+    seen: list[tuple[float, float | None, float, float]] = []
     bounds = []
     for axis, scale in zip(axes, scales.tolist(), strict=True):
         own = next((c for c in axis.given if c.kind == kind), None)
@@ -235,9 +237,12 @@ def largest(
         if own.value is None:
             bounds.append(scale * own.high)
         else:
-            seen.append((scale * own.value, horizon))
-    value, horizon = max(seen, key=lambda each: each[0], default=(None, None))
-    return Largest(value, max(filter(np.isfinite, bounds), default=None), horizon)
+            seen.append((scale * own.value, horizon, scale * own.low, scale * own.high))
+    bound = max(filter(np.isfinite, bounds), default=None)
+    if not seen:
+        return Largest(None, bound, None)
+    value, horizon, *interval = max(seen, key=lambda each: each[0])
+    return Largest(value, bound, horizon, *interval)
 
 
 def equivalent_words(horizon: float | None) -> str:
@@ -269,6 +274,8 @@ class NoiseFile:
         rad/s per raw unit; None where it was not known.
     magnetometer : tuple of AxisNoise
         Of the three axes, raw units; empty where the file has none.
+    magnetometer_si_per_raw : float or None
+        T per raw unit; None where it was not known.
     """
 
     accelerometer: tuple[AxisNoise, ...]
@@ -277,6 +284,7 @@ class NoiseFile:
     gyro: tuple[AxisNoise, ...] = ()
     gyro_si_per_raw: float | None = None
     magnetometer: tuple[AxisNoise, ...] = ()
+    magnetometer_si_per_raw: float | None = None
 
 
 def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
@@ -486,6 +494,7 @@ def _sensors(sensors: Any) -> NoiseFile:
         gyro=() if gyro is None else _axes("gyro", gyro),
         gyro_si_per_raw=None if gyro is None else _unit(gyro),
         magnetometer=() if compass is None else _axes("magnetometer", compass),
+        magnetometer_si_per_raw=None if compass is None else _unit(compass),
     )
 
 

@@ -1,38 +1,27 @@
-"""Results of filters over a log, as text and as JSON (SI units, radians)."""
+"""What filters made of a log, as an account and as JSON (SI units, radians)."""
 
-from collections.abc import Iterable
-from dataclasses import asdict, fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from simval.account import Fact
+from simval.account import Account, Fact, Told
 from simval.imu.logs import Log, Truth
 from simval.imu.logs.rows import BEFORE
 from simval.imu.multiposition.description import log_object
 from simval.imu.recorded import Alignment, Evaluation
 from simval.imu.recorded.alignment import polar
-from simval.imu.recorded.errors import Measured, NormalisedSquare, Rms
-from simval.imu.recorded.evaluation import norths, turned_words
-from simval.imu.recorded.published import SOURCE
+from simval.imu.recorded.errors import Measured, NormalisedSquare
+from simval.imu.recorded.filter_account import filters_account
 from simval.imu.recorded.rows import FEWEST, MOST_LEFT, WINDOW, RowCentre, RowEvidence
 from simval.imu.recorded.settings import Signals, Start
-from simval.text import columns, interval_words
+from simval.spelling import counted, measured
 from simval.units import OF_A_LOG
 from simval.vocabulary import ROW_KINDS
 
-PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
+FORMAT = "simval filter 1"
 ROW_WORDS = ("mean before", "instant", "mean after")
-FREE = (
-    "Without a magnetometer heading is free: its error is the drift since the first "
-    "row with truth. The bound (Cramer-Rao) is that of six axes, by the settings told, "
-    "were the specific force gravity's alone."
-)
-BLIND = (
-    "Without truth a filter can only be asked about itself: a scale error of the "
-    "gyroscope, or noise told wrongly, leaves innovations as they should be. Only "
-    "truth shows the error (--truth)."
-)
 WORLDS = {
     "NWU": "north-west-up",
     "ENU": "east-north-up",
@@ -40,58 +29,119 @@ WORLDS = {
 }
 
 
-def alignment_lines(alignment: Alignment | None, recorded: Truth | None) -> list[str]:
-    """The truth and what lies between it and the log, each with a 95 % interval."""
-    if alignment is None or recorded is None:
-        return []
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilteredLog(Told):
+    """What filters made of one log.
+
+    Attributes
+    ----------
+    found : Signals
+        The log.
+    start : Start
+        What the filters were given.
+    done : tuple of Evaluation
+        Filters that were measured.
+    failed : mapping of str to str
+        Filters that were not, and why.
+    alignment : Alignment or None
+        The truth, aligned with the log.
+    recorded : Truth or None
+        The same as it was recorded.
+    quaternions : tuple of str
+        Names of quaternions in a log without truth, which may be one.
+    """
+
+    found: Signals
+    start: Start
+    done: tuple[Evaluation, ...]
+    failed: Mapping[str, str]
+    alignment: Alignment | None = None
+    recorded: Truth | None = None
+    quaternions: tuple[str, ...] = ()
+
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        facts = [*self.found.facts, *row_facts(self.found.evidence), *self.start.facts]
+        if self.alignment is not None and self.recorded is not None:
+            facts += alignment_facts(self.alignment, self.recorded)
+        return filters_account(self.done, self.failed, facts, self.quaternions)
+
+    def as_object(self, log: Log) -> dict[str, Any]:
+        """The log, its truth and the filters' measures as plain JSON values."""
+        found, start, truth = self.found, self.start, None
+        if self.alignment is not None and self.recorded is not None:
+            truth = truth_object(self.alignment, self.recorded)
+        return {
+            "format": FORMAT,
+            **log_object(log),
+            "units": {
+                "gyroscope": found.gyro_unit,
+                "accelerometer": found.force_unit,
+                "magnetometer": found.field_unit or None,
+                "said": [str(x) for each in found.scales for x in each.said],
+            },
+            "rests": found.rests.tolist(),
+            "gyro_rows": rows_object(found.evidence),
+            "start": {"row": start.row, "attitude": start.attitude.tolist()},
+            "told": {
+                each.name: plain(getattr(start.told, each.name))
+                for each in fields(start.told)
+            },
+            "truth": truth,
+            "filters": [evaluation_object(each) for each in self.done],
+            "failed": dict(self.failed),
+        }
+
+
+def alignment_facts(alignment: Alignment, recorded: Truth) -> list[Fact]:
+    """The truth and what lies between it and the log, with standard deviations."""
     offset, drift = alignment.offset, alignment.drift
     world, fit = alignment.world, alignment.fit
     missing = 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0])))
-    turn = "  ".join(
-        with_error(np.degrees(each.value), np.degrees(each.half))
-        for each in alignment.axes
-    )
+    noise = np.degrees(np.sqrt(np.mean(np.square(alignment.noise))))
+    turn = _listed((np.degrees(x.value), np.degrees(x.sd)) for x in alignment.axes)
     own = polar(fit.linear).T @ fit.linear / fit.scale
-    # of the gyroscope in the unit that it was brought to, with 95 % intervals
+    # of the gyroscope in the unit that it was brought to
     sizes = [fit.scale * size for size in OF_A_LOG["gyro"].values()]
     size = next((each for each in sizes if abs(each - 1.0) <= 0.2), 1.0)
-    factor = offset.half / offset.sd if offset.sd > 0.0 else 2.0
-    sd = np.diagonal(alignment.errors.own)
-    scales = "  ".join(map(with_error, np.diagonal(own) * size, sd * factor))
-    noise = np.degrees(np.sqrt(np.mean(np.square(alignment.noise))))
+    scales = np.diagonal(own) * size, np.diagonal(alignment.errors.own)
     off = ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
-    half = np.degrees(world.half("tilt"))
-    tilt = f"+- {half:.2g} degrees"
-    if np.isnan(half):
-        tilt = "whose error one rest does not show"
-    north = (
-        "north by the magnetometer's mean, "
-        f"+- {np.degrees(world.half('heading')):.2g} degrees with what the field's "
-        f"direction varies by over the log, {np.degrees(world.deviation):.2g}"
-    )
-    if not world.heading_dof:
-        north = "nothing of north: heading is counted from the first row with truth"
-    return [
-        f"truth             {', '.join(recorded.columns)}: {alignment.meaning}; read "
-        f"otherwise it leaves {alignment.better:.3g} times the variance",
-        *(
-            f"                  {each} is the same motion in other axes"
-            for each in alignment.same
-        ),
-        f"                  missing in {100 * missing:.2f} % of the rows; "
-        f"noise at rest {noise:.2g} degrees a row",
-        f"truth's clock     {with_error(1e3 * offset.value, 1e3 * offset.half)} ms "
-        "against the log's, a row of the gyroscope being the mean over its step;",
-        "                  it drifts by "
-        f"{with_error(1e6 * drift.value, 1e6 * drift.half)} us a second",
-        f"sensor's axes     turned ({turn}) degrees about x, y, z from the truth's",
-        f"gyroscope         {scales} times the truth's rate; {100 * fit.share:.2g} % "
-        "of the variance is not explained",
-        f"truth's world     {_world(alignment)}",
-        f"                  the log shows it off by ({off}) degrees about "
-        f"north, west and up: up by {world.rests} rest(s), {tilt};",
-        f"                  {north}",
-    ]
+    tilt = np.degrees(world.tilt_sd)
+    of_up = f"± {tilt:.2g}°" if world.tilt_dof else "one rest does not show its error"
+    north = "north is free: heading counts from the first row with truth"
+    if world.heading_dof:
+        sd = np.hypot(world.heading_sd, world.deviation)
+        north = f"north by the magnetometer, ± {np.degrees(sd):.2g}° with what the "
+        north += f"field turns by over the log, {np.degrees(world.deviation):.2g}°"
+    facts = [
+        Fact("truth", f"{', '.join(recorded.columns)}: {alignment.meaning}; read "
+             f"otherwise it leaves {alignment.better:.3g} times the variance"),
+        *(Fact("truth", f"{x} is the same motion in other axes")
+          for x in alignment.same),
+        Fact("truth", f"missing in {100 * missing:.2f} % of the rows; noise at rest "
+             f"{noise:.2g}° a row"),
+        Fact("truth's clock", f"{measured(1e3 * offset.value, 1e3 * offset.sd)} ms "
+             "against the log's, drifting by "
+             f"{measured(1e6 * drift.value, 1e6 * drift.sd)} µs/s"),
+        Fact("sensor's axes", f"turned by {turn}° about x, y, z from the truth's"),
+        Fact("gyroscope", f"{_listed(zip(*scales, strict=True))} times the truth's "
+             f"rate; {100 * fit.share:.2g} % of the variance is not explained"),
+        Fact("truth's world", _world(alignment), notable=world.taken == "nearest"),
+        Fact("truth's world", f"the log shows it off by {off}° about north, west and "
+             f"up; up by {counted(world.rests, 'rest')}, {of_up}"),
+        Fact("truth's world", north),
+    ]  # fmt: skip
+    if not world.upright:
+        lean = np.degrees(np.hypot(*world.off[:2]))
+        words = f"up by the accelerometer at rest is {measured(lean, tilt)}° off: as "
+        words += "much of the inclination's error may be its own or the truth's"
+        facts.append(Fact("truth's world", words, notable=True))
+    return facts
+
+
+def _listed(values: Iterable[tuple[float, float]]) -> str:
+    return ", ".join(measured(*each) for each in values)
 
 
 def row_facts(evidence: RowEvidence | None) -> tuple[Fact, ...]:
@@ -112,16 +162,11 @@ def row_facts(evidence: RowEvidence | None) -> tuple[Fact, ...]:
     facts = [Fact("gyroscope's rows", words, notable=bool(other))]
     late = evidence.lateness
     if evidence.compass is not None and np.isfinite(late):
-        size = with_error(1e3 * late, 1e3 * evidence.compass.half)
+        size = measured(1e3 * late, 1e3 * evidence.compass.bar)
         words = f"{size} ms late against the gyroscope's rows"
         beyond = bool(abs(late) > evidence.compass.half)
         facts.append(Fact("magnetometer", words, notable=beyond))
     return tuple(facts)
-
-
-def row_lines(evidence: RowEvidence | None) -> list[str]:
-    """The same in lines."""
-    return [f"{label:18s}{words}" for label, words, _ in row_facts(evidence)]
 
 
 def _witness_words(evidence: RowEvidence) -> str:
@@ -135,7 +180,7 @@ def _witness_words(evidence: RowEvidence) -> str:
     if not seen.left < MOST_LEFT:
         share = f"{100.0 * min(seen.left, 1.0):.0f} % of what it shows"
         return f"the {seen.by} cannot tell, for {share} is real acceleration"
-    size = with_error(1e3 * seen.centre, 1e3 * seen.half)
+    size = measured(1e3 * seen.centre, 1e3 * seen.bar)
     each = (replace(evidence.rows, kind=kind) for kind in ROW_KINDS)
     # (a difference that is rounding is 0)
     at = [round(1e3 * rows.centre(evidence.step), 6) + 0.0 for rows in each]
@@ -150,19 +195,11 @@ def _witness_words(evidence: RowEvidence) -> str:
     return f"{said}, which contradicts that{do}"
 
 
-def with_error(value: float, half: float) -> str:
-    """A value and the half width of its interval, to the digits that the latter has."""
-    if not half > 0.0:
-        return f"{value:.6g}"
-    digits = int(np.clip(1 - np.floor(np.log10(half)), 0, 9))
-    return f"{value:.{digits}f} +- {half:.{digits}f}"
-
-
 def _world(alignment: Alignment) -> str:
     world = alignment.world
     if world.taken == "estimated":
         size = np.degrees(np.linalg.norm(world.off))
-        near = f"the nearest is {world.name}" if world.name else f"{size:.0f} degrees"
+        near = f"the nearest is {world.name}" if world.name else f"by {size:.0f}°"
         return f"turned to what the log shows; {near}"
     name = f"{world.name} ({WORLDS[world.name]})"
     if world.taken == "nearest" and not world.heading_dof:
@@ -173,144 +210,6 @@ def _world(alignment: Alignment) -> str:
         "standard": f"{name}, as its data set has it",
         "nearest": f"{name}, the nearest; --truth-world states another",
     }[world.taken]
-
-
-def filter_lines(
-    done: list[Evaluation], failed: dict[str, str], truth: bool
-) -> list[str]:
-    """The table of the filters, and what each is."""
-    lines = [f"{each.run.name}: {each.run.how}" for each in done]
-    lines += [f"{name}: not measured: {why}" for name, why in failed.items()]
-    if truth and done:
-        turned = turned_words(done)
-        lines += ["", *_errors(done), *([turned] if turned else [])]
-        lines += published_lines(done)
-        lines += ["", *_covariances(done)]
-    elif done:
-        lines += ["", *_alone(done), "", BLIND]
-    return lines
-
-
-ERRORS = -10, -9, 15, 15, 15, -1
-"""Widths of a table of errors: filter, rows, three errors, and when it converged."""
-
-
-def _errors(done: list[Evaluation]) -> list[str]:
-    rows: list[tuple[str, ...]] = [
-        ("filter", "rows", "total", "heading", "inclination", " converged")
-    ]
-    for each in done:
-        assert each.truth is not None
-        for part, words in PARTS.items():
-            cells = map(_cell, each.truth.rms[part].values())
-            whole = part == "all"
-            name = each.run.name if whole else ""
-            after = f" {_settled(each.truth.settled)}" if whole else ""
-            rows.append((name, words, *cells, after))
-    free = _bound(done)
-    lines = columns([*rows, *free], *ERRORS)
-    return [
-        "RMS error, degrees, with its standard error",
-        *lines,
-        *([FREE] if free else []),
-    ]
-
-
-def bound_lines(done: Iterable[Evaluation]) -> list[str]:
-    """The bound of a filter whose heading is free, by part, degrees."""
-    return columns(_bound(done), *ERRORS)
-
-
-def _bound(done: Iterable[Evaluation]) -> list[tuple[str, ...]]:
-    bound = next((e.truth.bound for e in done if e.truth and e.truth.bound), None)
-    return [
-        (
-            "bound" if part == "all" else "",
-            PARTS[part],
-            *(f"{np.degrees(value):.3g}" for value in least.values()),
-        )
-        for part, least in (bound or {}).items()
-    ]
-
-
-def published_lines(done: Iterable[Evaluation]) -> list[str]:
-    """RMS errors by a benchmark's definitions, and what turns them into ours."""
-    lines = []
-    for each in (one for one in done if one.published):
-        lines += ["", f"{each.run.name} by published definitions ({SOURCE}), degrees"]
-        rows: list[tuple[str, ...]] = [("changed in turn", *each.published[0].rms)]
-        for step in each.published:
-            errors = (f"{np.degrees(rms.value):.3f}" for rms in step.rms.values())
-            rows.append((step.words, *errors))
-        lines += columns(rows, -42, *[11] * (len(rows[0]) - 1))
-    return lines
-
-
-def _cell(rms: Rms) -> str:
-    if np.isnan(rms.value):
-        return "-"
-    return f"{np.degrees(rms.value):.3f} ({np.degrees(rms.sd):.3f})"
-
-
-def _settled(seconds: float) -> str:
-    return "not within the log" if np.isnan(seconds) else f"after {seconds:.0f} s"
-
-
-def _covariances(done: list[Evaluation]) -> list[str]:
-    free = any(each.truth and each.truth.free for each in done)
-    title = (
-        "squared error over covariance (NEES), 3 where that is true; NIS beside it"
-        if not free
-        else "squared error over covariance (NEES): of the attitude 3, of inclination "
-        "alone where heading is free 2, of its drift 1; NIS beside it"
-    )
-    rows: list[tuple[str, ...]] = [
-        ("filter", "NEES", " interval", "verdict", "NIS", "us a row")
-    ]
-    for each in done:
-        assert each.truth is not None
-        nees, nis = each.truth.nees, each.nis
-        found = ("-", " no covariance", "")
-        if nees is not None:
-            found = (f"{nees.mean:.3g}", f" {_interval(nees)}", nees.verdict)
-        second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
-        rows.append((each.run.name, *found, second, f"{each.microseconds:.0f}"))
-        if (drift := each.truth.drift) is not None:
-            low = f" {drift.low:.3g} or more" if drift.blocks else " -"
-            rows.append(("  its drift", _known(drift.mean), low, drift.verdict))
-    return [title, *columns(rows, -10, 10, -21, -14, 8, -1)]
-
-
-def _interval(each: NormalisedSquare) -> str:
-    return "-" if np.isnan(each.low) else interval_words(each.low, each.high, 3)
-
-
-def _alone(done: list[Evaluation]) -> list[str]:
-    heads = "filter", "drift, deg/min", "up, deg", "NIS", " verdict"
-    rows: list[tuple[str, ...]] = [(*heads, "innovation with the next")]
-    for each in done:
-        rest, nis = each.at_rest, each.nis
-        white = "-"
-        if each.white is not None:
-            white = " ".join(f"{value:.2f}" for value in each.white)
-        rows.append(
-            (
-                each.run.name,
-                _known(np.degrees(rest.drift) * 60.0),
-                _known(np.degrees(rest.inclination)),
-                "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}",
-                "" if nis is None else f" {nis.verdict}",
-                white,
-            )
-        )
-    return [
-        "at rest: drift of the heading, and the filter's up against the specific force",
-        *columns(rows, -10, 15, 7, 10, -15, -1),
-    ]
-
-
-def _known(value: float) -> str:
-    return f"{value:.3g}" if np.isfinite(value) else "-"
 
 
 def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
@@ -383,7 +282,7 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
             "total_at_norths": [
                 {"turned": turn, "rms": value}
                 for turn, value in zip(
-                    norths(each.truth.world), each.truth.turned, strict=True
+                    each.truth.world.norths, each.truth.turned, strict=True
                 )
             ],
             "rows_with_truth": len(each.truth.errors.time),
@@ -440,37 +339,4 @@ def rows_object(evidence: RowEvidence | None) -> dict[str, Any] | None:
         "magnetometer": None
         if compass is None
         else _plain(compass) | {"late": plain(evidence.lateness)},
-    }
-
-
-FORMAT = "simval filter 1"
-
-
-def log_values(
-    log: Log,
-    found: Signals,
-    start: Start,
-    alignment: Alignment | None,
-    recorded: Truth | None,
-) -> dict[str, Any]:
-    """The log, the filters' settings, and the truth, as plain JSON values."""
-    return {
-        "format": FORMAT,
-        **log_object(log),
-        "units": {
-            "gyroscope": found.gyro_unit,
-            "accelerometer": found.force_unit,
-            "magnetometer": found.field_unit or None,
-            "said": [words for each in found.scales for words in each.said],
-        },
-        "rests": found.rests.tolist(),
-        "gyro_rows": rows_object(found.evidence),
-        "start": {"row": start.row, "attitude": start.attitude.tolist()},
-        "told": {
-            each.name: plain(getattr(start.told, each.name))
-            for each in fields(start.told)
-        },
-        "truth": None
-        if alignment is None or recorded is None
-        else truth_object(alignment, recorded),
     }

@@ -1,24 +1,22 @@
 """A filter's answers over a log, and its errors: with truth, and without."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Final
 
 import numpy as np
 
+from simval.account import Account, Told
 from simval.arrays import Array
 from simval.consistency import heading_and_inclination
 from simval.geometry import attitude_matrix, compose
 from simval.imu.filters.signals import FilterInput, FilterOutput
 from simval.imu.recorded.alignment import Alignment
 from simval.imu.recorded.errors import (
-    ALPHA,
     Errors,
     NormalisedSquare,
     Rms,
     convergence,
-    differ,
     errors_of,
     judged,
     judged_once,
@@ -26,10 +24,10 @@ from simval.imu.recorded.errors import (
     table,
     whiteness,
 )
+from simval.imu.recorded.filter_account import filters_account
 from simval.imu.recorded.rows import RowEvidence
 from simval.imu.recorded.settings import Signals, Start, two_vectors
 from simval.imu.recorded.world import World
-from simval.ranking import Ranking, ranked
 from simval.shapes import Bool, Float
 
 
@@ -145,7 +143,7 @@ class WithTruth:
         in the world) that its covariance states, rad, (k, 3).
     turned : tuple of float
         RMS of the total error, rad, were the truth's north at either end of
-        `norths`.
+        its world's.
     world : World
         That the errors are measured in.
     """
@@ -172,7 +170,7 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Evaluation:
+class Evaluation(Told):
     """All measurements of one filter over one log.
 
     Attributes
@@ -204,6 +202,11 @@ class Evaluation:
     microseconds: float
     published: tuple[Stage, ...] = ()
     rows: RowEvidence | None = None
+
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        return filters_account([self])
 
 
 def evaluate(
@@ -297,7 +300,7 @@ def _with_truth(
         drift=drift,
         squares=squares,
         band=band,
-        turned=_turned(errors, (0.0, 0.0) if run.six else norths(alignment.world)),
+        turned=_turned(errors, (0.0, 0.0) if run.six else alignment.world.norths),
         world=alignment.world,
     )
 
@@ -335,19 +338,6 @@ def _free(
     return tilts, np.where(np.abs(grown) < least, np.nan, drifts)
 
 
-def norths(world: World) -> tuple[float, float]:
-    """Turns of the north that is taken, rad, which a comparison should withstand.
-
-    Of an estimated one the ends of its interval; else to the log's own magnetometer.
-    """
-    if not world.heading_dof:
-        return 0.0, 0.0
-    if world.taken == "estimated":
-        half = world.half("heading")
-        return -half, half
-    return 0.0, -float(world.off[2])
-
-
 def _turned(errors: Errors, turns: tuple[float, float]) -> tuple[float, float]:
     # by eq. (R4): an error of heading grows by what north is turned by
     tilt = np.cos(errors.inclination / 2.0)
@@ -356,75 +346,6 @@ def _turned(errors: Errors, turns: tuple[float, float]) -> tuple[float, float]:
         for c in (tilt * np.cos((errors.heading + turn) / 2.0) for turn in turns)
     )
     return first, last
-
-
-def ranking(done: Sequence[Evaluation]) -> Ranking | None:
-    """Filters by the RMS of their total errors; None without any that has one."""
-    found = {
-        each.run.name: each.truth
-        for each in done
-        if each.truth is not None and np.isfinite(each.truth.rms["all"]["total"].value)
-    }
-    if not found:
-        return None
-    alpha = ALPHA / max(1, 2 * len(found) - 3)  # with both ends
-    return ranked(
-        {name: truth.rms["all"]["total"].value for name, truth in found.items()},
-        lambda one, other: differ(found[one].errors, found[other].errors, alpha),
-    )
-
-
-def turned_words(done: Sequence[Evaluation]) -> str:
-    """Effect of another north on a comparison of filters; empty for none.
-
-    The difference of two mean squares is linear in a small turn, so an order that both
-    ends of an interval have is that of all between.
-    """
-    judged = [each for each in done if each.truth is not None and not each.truth.free]
-    if not judged:
-        return ""
-    judged.sort(key=lambda each: _truth(each).rms["all"]["total"].value)
-    world = _truth(judged[0]).world
-    estimated = world.taken == "estimated"
-    ends = [
-        f"{each.run.name} {' and '.join(f'{np.degrees(v):.2f}' for v in turned)}"
-        for each in judged
-        if (turned := _truth(each).turned[0 if estimated else 1 :])
-    ]
-    open_ = [
-        f"{one.run.name} and {other.run.name}"
-        for one, other in combinations(judged, 2)
-        if _open(one, other, estimated=estimated)
-    ]
-    turn = np.degrees(norths(world)[1])
-    if estimated:
-        said = (
-            "North is the log's own magnetometer's, which favours a filter that "
-            f"follows it; turned to either end of its +- {turn:.2g} degrees the total "
-            f"is, in degrees, {', '.join(ends)}"
-        )
-        return f"{said}; not decided: {'; '.join(open_)}." if open_ else f"{said}."
-    if not open_:
-        return ""
-    return (
-        f"Turned to the log's own magnetometer, by {turn:.2f} degrees (--truth-world "
-        f"estimated), the total would be {', '.join(ends)} degrees, which exchanges "
-        f"{'; '.join(open_)}."
-    )
-
-
-def _truth(each: Evaluation) -> WithTruth:
-    assert each.truth is not None
-    return each.truth
-
-
-def _open(one: Evaluation, other: Evaluation, *, estimated: bool) -> bool:
-    # whether another north exchanges two that are told apart, or leaves two undecided
-    pairs = zip(_truth(one).turned, _truth(other).turned, strict=True)
-    crossed = any(a > b for a, b in pairs)
-    order = ranking([one, other])
-    tied = order is None or order.tied
-    return crossed or tied if estimated else crossed and not tied
 
 
 def extra(alignment: Alignment, truth: Float[Array, "k 4"]) -> Float[Array, "k 3 3"]:

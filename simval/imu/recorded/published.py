@@ -35,7 +35,6 @@ from simval.imu.recorded.world import World
 from simval.shapes import Bool
 
 MARKS: Final = "movement"
-SOURCE: Final = "BROAD: Laidig, Caruso, Cereatti, Seel, Data 6(7), 2021"
 
 
 def published_start(found: Signals, start: Start) -> Start:

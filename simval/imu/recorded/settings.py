@@ -7,17 +7,18 @@ the scatter of a row in all of them. Nothing is from the truth.
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as default
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from simval.account import Fact
 from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
 from simval.imu.filters.signals import Told
 from simval.imu.logs import Log
 from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.multiposition.correction import corrected
-from simval.imu.multiposition.log_units import Scale, said_of, units_of
+from simval.imu.multiposition.log_units import Scale, unit_facts, units_of
 from simval.imu.noise import AxisNoise, noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import of_matrix
@@ -26,7 +27,8 @@ from simval.imu.recorded.rows import RowEvidence
 from simval.imu.statics import Intervals
 from simval.imu.statics.detector import runs_of
 from simval.shapes import Float
-from simval.units import OF_A_LOG
+from simval.spelling import counted, rounded
+from simval.units import OF_A_DATA_SHEET, OF_A_LOG
 
 GAP_STEPS: Final = 5.0
 """Median steps of a hole in a log,"""
@@ -57,7 +59,7 @@ class Signals:
     gyro_unit: str  # where it came from, in words; empty: not known yet
     force_unit: str
     field_unit: str
-    cuts: tuple[str, ...] = ()  # rests in which the gyroscope turns, in words
+    cuts: "tuple[TurnedRest, ...]" = ()  # rests in which the gyroscope turns
     scales: tuple[Scale, ...] = ()  # of its sensors, and what is wrong with them
     rows: Rows = BEFORE  # what the gyroscope's are of
     evidence: RowEvidence | None = None  # of that
@@ -89,16 +91,38 @@ class Signals:
         rests = np.maximum(found.rests, found.covered.start - 1)
         return replace(found, rests=rests[np.ptp(rests, axis=1) > 0])
 
-    def described(self) -> list[str]:
-        """Describe the units and their origin in lines of text."""
-        return [
-            f"units             gyroscope {self.gyro_unit}",
-            f"                  accelerometer {self.force_unit}",
-            "                  magnetometer "
-            + ("none" if self.field is None else self.field_unit or UNKNOWN),
-            *said_of(self.scales),
-            *self.cuts,
-        ]
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """Units and their origin, and what was cut off the rests."""
+        field = "none" if self.field is None else self.field_unit or UNKNOWN
+        few = f"{counted(len(self.cuts), 'rest')} cut or left out: the gyroscope turns"
+        return (
+            Fact("units", f"gyroscope {self.gyro_unit}"),
+            Fact("units", f"accelerometer {self.force_unit}"),
+            Fact("units", f"magnetometer {field}"),
+            *unit_facts(self.scales),
+            *([Fact("rests", few, notable=True)] if self.cuts else []),
+            *(Fact("rests", each.words) for each in self.cuts),
+        )
+
+
+class TurnedRest(NamedTuple):
+    """A rest in which the gyroscope turns, and what is kept of it, s, rad/s."""
+
+    start: float
+    stop: float
+    kept: tuple[tuple[float, float], ...]
+    turns: float  # at most
+
+    @property
+    def words(self) -> str:
+        """The same in words."""
+        parts = " and ".join(f"{a:.2f} to {b:.2f} s" for a, b in self.kept)
+        return (
+            f"{self.start:.2f} to {self.stop:.2f} s "
+            f"{f'cut to {parts}' if parts else 'left out'}: the gyroscope turns, by "
+            f"{self.turns:.2g} rad/s at most"
+        )
 
 
 def signals(
@@ -144,7 +168,7 @@ def signals(
 
 def _require_gyroscope(log: Log) -> None:
     if log.gyro is None:
-        why = "; ".join(log.unclear)
+        why = "; ".join(map(str, log.unclear))
         msg = (
             f"{log.path} has no gyroscope ({why or 'no column is named as one'}), and "
             "a filter is given one; name its columns (--columns)"
@@ -195,7 +219,7 @@ def without_turns(found: Signals) -> Signals:
         If nothing of the rests is still.
     """
     size = max(3, round(0.5 * found.rate))
-    kept, words = [], []
+    kept, cuts = [], []
     for start, stop in found.rests:
         rows = found.gyro[start:stop]
         if len(rows) < 2 * size:
@@ -213,22 +237,23 @@ def without_turns(found: Signals) -> Signals:
         parts[1:, 0] = np.maximum(parts[1:, 0], parts[:-1, 1])  # each row once
         parts = parts[np.ptp(parts, axis=1) >= SHORTEST * found.rate]
         kept.extend(map(tuple, parts))
-        said = " and ".join(
-            f"{found.time[first]:.2f} to {found.time[last - 1]:.2f} s"
-            for first, last in parts
-        )
-        words.append(
-            f"{'rest':18s}{found.time[start]:.2f} to {found.time[stop - 1]:.2f} s "
-            f"{f'cut to {said}' if said else 'left out'}: the gyroscope turns in it, "
-            f"by {off.max():.2g} rad/s at most"
+        cuts.append(
+            TurnedRest(
+                start=float(found.time[start]),
+                stop=float(found.time[stop - 1]),
+                kept=tuple(
+                    (float(found.time[a]), float(found.time[b - 1])) for a, b in parts
+                ),
+                turns=float(off.max()),
+            )
         )
     if not kept:
         msg = (
             "the log has no rest: where the accelerometer is still the gyroscope "
-            f"turns, {' '.join(words[0].split()[1:])}; record a rest of some seconds"
+            f"turns, {cuts[0].words}; record a rest of some seconds"
         )
         raise RefusedError(msg)
-    return replace(found, rests=np.array(kept, dtype=np.intp), cuts=tuple(words))
+    return replace(found, rests=np.array(kept, dtype=np.intp), cuts=tuple(cuts))
 
 
 def with_field_unit(found: Signals, scale: Scale) -> Signals:
@@ -288,7 +313,7 @@ class Start:
     row: int
     attitude: Float[Array, "4"]  # north-west-up to sensor
     told: Told
-    described: tuple[str, ...]  # where the numbers are from
+    facts: tuple[Fact, ...]  # the numbers, and where they are from
     known: Mapping[str, float]  # relative sd of noises told, by their names
     motion: float  # m/s^2, of real acceleration while moving; 0 where the noise has it
 
@@ -322,20 +347,19 @@ def start_of(
     parts = [slice(a, b) for a, b in found.rests]
     first = parts[0]
     longest = max(parts, key=lambda each: each.stop - each.start)
-    attitude = two_vectors(found, first)
-    N, K, words = _gyro_noise(found, longest, known, source)
+    N, K, gyroscope = _gyro_noise(found, longest, known, source)
     forces = [found.force[part].mean(axis=0) for part in parts]
     gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
     field, scatter = np.full(3, np.nan), np.nan
     noise, sd = _scatter(found.force, parts)
-    known_to, as_given = {"accelerometer_noise": sd}, ""
+    known_to = {"accelerometer_noise": sd}
+    words = f"accelerometer {noise:.3g} m/s²"
     if accelerometer_noise is not None:
-        noise, as_given = accelerometer_noise, " as given"
-        known_to = {"accelerometer_noise": 0.0}
+        noise, known_to["accelerometer_noise"] = accelerometer_noise, 0.0
+        words = f"accelerometer {noise:.3g} m/s² as given"
     motion = _motion(found, gravity, noise)
-    sensed = ""
-    told_field = f"gravity {gravity:.5g} m/s^2: mean of the rests"
-    vectors = "the specific force of the first rest, heading free"
+    of_field = f"gravity {gravity:.5g} m/s²: mean of the rests"
+    vectors = "the force of the first rest, its heading free"
     if found.field is not None:
         fields = [found.field[part].mean(axis=0) for part in parts]
         length = float(np.mean([np.linalg.norm(field) for field in fields]))
@@ -347,13 +371,13 @@ def start_of(
         dip = float(np.arcsin(np.mean(sine)))
         field = length * np.array([np.cos(dip), 0.0, -np.sin(dip)])
         scatter, known_to["magnetometer_noise"] = _scatter(found.field, parts)
-        unit = "T" if found.field_unit else "in its unit"
-        sensed = f", magnetometer {scatter:.3g} {unit}"
-        told_field = (
-            f"gravity {gravity:.5g} m/s^2, field {length:.4g} {unit}, dip "
-            f"{np.degrees(dip):.2f} degrees: means of the rests"
+        size, unit = (1e6, "µT") if found.field_unit else (1.0, "of its unit")
+        words += f", magnetometer {size * scatter:.3g} {unit}"
+        of_field = (
+            f"gravity {gravity:.5g} m/s², field {size * length:.4g} {unit}, dip "
+            f"{np.degrees(dip):.2f}°: means of the rests"
         )
-        vectors = "two vectors of the first rest"
+        vectors = "force and field of the first rest"
     bias = float(np.sqrt(np.mean(found.gyro[first].mean(axis=0) ** 2)))
     told = Told(
         gyroscope_noise=N,
@@ -365,34 +389,28 @@ def start_of(
         start_std=START_STD,
         bias_std=max(bias, N / np.sqrt((first.stop - first.start) / found.rate)),
     )
-    sizes = " and ".join(f"{100.0 * sd:.2g}" for sd in known_to.values() if sd)
+    words += " a row"
+    if sizes := " and ".join(f"{100.0 * sd:.2g}" for sd in known_to.values() if sd):
+        rests = counted(len(parts), "rest")
+        words += f": scatter in {rests}, known to {sizes} %"
+    more = f"{motion:.2g} m/s² an axis while moving; the noise used is {noise:.2g} "
+    more += "(--accelerometer-noise)"
     return Start(
         row=int(first.start),
-        attitude=attitude,
+        attitude=two_vectors(found, first),
         told=told,
         known=known_to,
         motion=motion,
-        described=(
-            f"told              gyroscope N {N:.3g} rad/s/sqrt(Hz), K {K:.3g} "
-            f"rad/s/sqrt(s): {words}",
-            f"                  accelerometer {noise:.3g} m/s^2{as_given}{sensed} a row"
-            + (
-                f": scatter in {len(parts)} rest(s), known to {sizes} %"
-                if sizes
-                else ""
-            ),
-            *(
-                "                  which is less than real acceleration adds while it "
-                f"moves, {each:.2g} m/s^2 an axis (--accelerometer-noise)"
-                for each in (motion,)
-                if each
-            ),
-            f"                  {told_field}",
-            f"                  start at {found.time[first.start]:.2f} s by {vectors}"
-            f", sd {np.degrees(START_STD):.2g} degrees; bias 0, sd "
-            f"{told.bias_std:.2g} rad/s (what that rest reads)",
+        facts=(
+            *gyroscope,
+            Fact("noise used", words),
+            *([Fact("acceleration", more, notable=True)] if motion else []),
+            Fact("field used", of_field),
+            Fact("start", f"at {found.time[first.start]:.2f} s by {vectors}, "
+                 f"± {np.degrees(START_STD):.2g}°"),
+            Fact("start", f"bias 0 ± {told.bias_std:.2g} rad/s, which that rest reads"),
         ),
-    )
+    )  # fmt: skip
 
 
 def two_vectors(found: Signals, part: slice) -> Float[Array, "4"]:
@@ -448,7 +466,7 @@ def _motion(found: Signals, gravity: float, noise: float) -> float:
 
 def _gyro_noise(
     found: Signals, part: slice, known: NoiseFile | None, source: str
-) -> tuple[float, float, str]:
+) -> tuple[float, float, tuple[Fact, ...]]:
     # N and K, and where they are from
     axes, scale, words = _axes(found, part, known, source)
     seconds = (part.stop - part.start) / found.rate
@@ -456,21 +474,28 @@ def _gyro_noise(
         seconds = min(axis.rows / axis.rate_hz for axis in axes)
     N = _coefficient(axes, "N", scale)
     K = _coefficient(axes, "K", scale)
+    unfit, limits = N is None, []
     slow = [axis.slow for axis in axes if axis.slow and not axis.slow.is_walk]
     if slow:
-        words += (
-            f"; K is equivalent over up to {max(each.horizon for each in slow):.3g} s"
-        )
+        horizon = max(each.horizon for each in slow)
+        limits.append(Fact("noise used", f"K is equivalent over up to {horizon:.3g} s"))
     if N is None:
         # no model: the scatter from row to row
         steps = np.diff(found.gyro[part], axis=0)
         N = float(np.sqrt(0.5 * np.mean(steps**2) / found.rate))
-        words = "no model fits the rest; N is by the steps from row to row"
+        words = "row steps: no model fits the rest"
     if K is None:
         # what would double the variance of an average over the rest, N^2/T + K^2 T/3
         K = np.sqrt(3.0) * N / seconds
-        words += f"; K is not seen: what doubles the variance of {seconds:.0f} s"
-    return N, K, words
+        shows = f"K is below what {seconds:.0f} s can show; that limit was used"
+        limits.append(Fact("noise used", shows))
+    of = OF_A_DATA_SHEET["gyro"]
+    sizes = (
+        f"{name} {rounded(of[name].factor * value, 3)} {of[name].name}"
+        for name, value in (("N", N), ("K", K))
+    )
+    fact = Fact("noise used", f"gyroscope {', '.join(sizes)}, by {words}", unfit)
+    return N, K, (fact, *limits)
 
 
 def _axes(
@@ -478,7 +503,7 @@ def _axes(
 ) -> tuple[tuple[AxisNoise, ...], float, str]:
     if known is None:
         seconds = (part.stop - part.start) / found.rate
-        words = f"Allan variances of a rest of {seconds:.0f} s"
+        words = f"a rest of {seconds:.0f} s"
         try:
             return noise_of(found.gyro[part][:, None], found.rate), 1.0, words
         except RefusedError:  # a short rest

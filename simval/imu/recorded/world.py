@@ -17,12 +17,13 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 import numpy as np
+import scipy
 
 from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
 from simval.geometry import FRAME_AXES, FRAMES, Frame
 from simval.imu.recorded.attitudes import of_matrix, rotated, rotation_vector
-from simval.imu.recorded.errors import mean_with_error, quantile
+from simval.imu.recorded.errors import ALPHA, mean_with_error, quantile
 from simval.imu.statics import Intervals
 from simval.shapes import Bool, Float
 
@@ -105,6 +106,30 @@ class World:
             else (float(np.hypot(self.heading_sd, self.deviation)), self.heading_dof)
         )
         return sd * quantile(dof) if dof else np.nan
+
+    @property
+    def norths(self) -> tuple[float, float]:
+        """Turns of the north that is taken, rad, which a comparison should withstand.
+
+        Of an estimated one the ends of its interval; else to the log's magnetometer.
+        """
+        if not self.heading_dof:
+            return 0.0, 0.0
+        if self.taken == "estimated":
+            half = self.half("heading")
+            return -half, half
+        return 0.0, -float(self.off[2])
+
+    @property
+    def upright(self) -> bool:
+        """Whether up is that of the rests, or they are too few to show it.
+
+        By a test of two horizontal axes at the false-alarm rate `ALPHA`.
+        """
+        if not self.tilt_dof or self.taken == "estimated":
+            return True
+        ratio = 0.5 * float(self.off[:2] @ self.off[:2]) / self.tilt_sd**2
+        return float(scipy.special.fdtrc(2.0, self.tilt_dof, ratio)) >= ALPHA
 
 
 def find_world(

@@ -81,17 +81,18 @@ class Case:
         }
         return np.concatenate([parts[name] for name in self.sources])
 
-    def fit(self, readings, *, times=1.0, scale=None, start=None):
+    def fit(self, readings, *, times=1.0, scale=None, start=None, g=G, g_std=0.0):
         """Fit of readings by source, told so many times their noise."""
         scale = dict.fromkeys(CLEAN, 1.0) | (scale or {})
         poses, std = readings["poses"], times * scale["poses"] * POSE_STD
         own = calibrate(
-            poses, G, self.form, residual=self.residual,
-            noise_std=std if self.known else None,
+            poses, g, self.form, residual=self.residual,
+            noise_std=std if self.known else None, g_std=g_std,
         )  # fmt: skip
         if self.sources == ("poses",):
             return own
-        given = {"poses": poses, "pose_std": std, "g": G, "model": self.form}
+        given = {"poses": poses, "pose_std": std, "g": g, "g_std": g_std}
+        given["model"] = self.form
         if "fields" in self.sources:
             field_std = times * scale["fields"] * FIELD_STD
             given |= {"fields": readings["fields"], "field_std": field_std}

@@ -58,6 +58,11 @@ def noisy(case, seed=1):
     return body[0], iron[0]
 
 
+def kinds(found):
+    """What is to be known of a fit, by kind."""
+    return [each.kind for each in found.findings]
+
+
 def test_the_twin_is_exact_and_the_hemisphere_picks_one():
     body, iron = noisy(FORTY)
     unstated = compass_of(body, iron)
@@ -70,13 +75,13 @@ def test_the_twin_is_exact_and_the_hemisphere_picks_one():
     np.testing.assert_allclose(south.sd, north.sd, rtol=1e-9)
     assert north.right_handed
     assert not south.right_handed
-    assert "left-handed" in south.findings[-1]
+    assert kinds(south) == ["axes"]
     assert not north.findings
     # a left-handed order of columns: seen where the hemisphere is stated, only there
     mirrored = iron * [1.0, -1.0, 1.0]
     assert not compass_of(body, mirrored).findings
     told = compass_of(body, mirrored, hemisphere="north")
-    assert "left-handed" in told.findings[-1]
+    assert kinds(told) == ["axes"]
     np.testing.assert_allclose(told.M[:, 1], -north.M[:, 1], rtol=1e-9)
 
 
@@ -102,9 +107,10 @@ def test_a_known_accelerometer_joins_with_its_covariance():
 
 
 def varies_by(found):
-    return float(
-        re.findall(r"varies with time, by (\S+) percent", found.findings[0])[0]
-    )
+    (first, *_) = found.findings
+    assert first.kind == "varies"
+    assert f"by {first.numbers['percent']:.2g} percent" in str(first)
+    return first.numbers["percent"]
 
 
 def test_a_field_that_varies_with_time_is_said():
@@ -122,9 +128,9 @@ def test_a_field_that_varies_with_time_is_said():
     # poses in another order: the same set, and time says which
     order = np.random.default_rng(2).permutation(40)
     mixed = compass_of(body[order], raw[order], **std)
-    assert "varies with time" not in " ".join(mixed.findings)
+    assert "varies" not in kinds(mixed)
     told = compass_of(body[order], raw[order], time=60.0 * order, **std)
-    assert varies_by(told) == varies_by(found)
+    assert varies_by(told) == pytest.approx(varies_by(found), rel=1e-6)
 
 
 @pytest.mark.ci
@@ -134,11 +140,11 @@ def test_a_disturbed_pose_is_named_and_a_clean_set_is_left_alone():
         body, iron = noisy(FORTY, seed)
         alone = compass_of(body, iron)
         clean += bool(alone.disturbed)
-        varying += "varies" in " ".join(alone.findings)
+        varying += "varies" in kinds(alone)
         iron[[3, 17]] += [[30.0, 0.0, 0.0], [0.0, 0.0, -25.0]]  # 12 and 10 sigma
         found = compass_of(body, iron)
         named += set(found.disturbed) == {3, 17}
-        assert re.search("poses? .*(3|17) ", found.findings[0])
+        assert {3, 17} & set(found.findings[0].numbers["poses"])
         # linear: what leaving the pose out takes off, but for the noise squared
         keep = np.arange(40) != 3
         drop = found.chi_square - compass_of(body[keep], iron[keep]).chi_square
@@ -146,7 +152,7 @@ def test_a_disturbed_pose_is_named_and_a_clean_set_is_left_alone():
     # each false in 1 of 100 clean sets: 4 or more of 12 has chance 5e-6
     assert max(clean, varying) < 4
     assert named >= 10  # the others name one more by chance
-    rest = float(re.findall(r"without, .* is (\S+):", found.findings[0])[0])
+    rest = found.findings[0].numbers["chi2_per_dof_without"]
     low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 92) / 92  # one alarm in 1e4
     assert low < rest < high
 
@@ -301,7 +307,14 @@ def test_what_is_near_a_refusal_is_fitted_and_said(name):
     pair, options, words = SAID[name]
     found = compass_of(*pair, **options)
     assert found.status == "converged"
-    assert re.search(words, " ".join(found.findings))
+    assert re.search(words, " ".join(map(str, found.findings)))
+    document = found.as_document()
+    assert document["findings"] == [str(each) for each in found.findings]
+    # each has its kind, and says once what to do where anything is to be done
+    for remark, each in zip(document["remarks"], found.findings, strict=True):
+        assert remark == each.as_object()
+        assert str(each).endswith(remark["do"])
+        assert each.words.count(each.do or "none") == 0
     assert found.disturbed == ((5,) if name == "another unit" else ())
 
 
@@ -360,7 +373,7 @@ def test_eight_poses_are_fitted_refused_or_warned_of():
     assert "refused: two calibrations fit alike" in found.status
     one = np.flatnonzero(good)[0]
     single = compass_of(body[one], iron[one])
-    assert "another calibration may fit as well" in single.findings[0]
+    assert kinds(single)[0] == "few poses"
     np.testing.assert_array_equal(single.parameters, found.parameters[one])
     alike = np.flatnonzero(found.status == "refused: two calibrations fit alike")[0]
     with pytest.raises(RefusedError, match="add poses, twelve or more"):

@@ -129,7 +129,7 @@ def test_two_temperatures_and_one_is_chosen(fitted, tmp_path, simval):
     words = "correct", path, "--calibration", fitted, "--out", tmp_path / "o.csv"
     code, out, err = simval(*words)
     assert code == 0
-    assert "choose by --columns with temp" in out + err
+    assert "Choose by --columns with temp" in out + err
     code, out, err = simval(*words, "--columns", "t,ax,ay,az,-,temp")
     assert code == 0
     assert "30.00 to 31.00 degC" in out + err

@@ -231,15 +231,16 @@ def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
     log = read_log(path)
     assert log.gyro is None
     named = ", ".join(map(repr, gyros))
-    assert log.unclear == (
-        f"the gyroscope: {named} are not surely those beside the accelerometer; "
-        "choose by --columns with wx, wy, wz",
+    (remark,) = log.unclear
+    assert remark.words == (
+        f"the gyroscope: {named} are not surely those beside the accelerometer"
     )
+    assert remark.do == "Choose by --columns with wx, wy, wz."
     assert read_log(path, columns="t,ax,ay,az,-,-,-,wx,wy,wz").unclear == ()
     path, _ = write_named(tmp_path, "t,ax,ay,az,gyr_x,gyr_y,temp", 7)
     log = read_log(path)
     assert log.gyro is None
-    assert log.unclear[0].startswith(
+    assert log.unclear[0].words.startswith(
         "the gyroscope: 'gyr_x', 'gyr_y' are not surely those beside the"
     )
 

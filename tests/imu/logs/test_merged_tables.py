@@ -70,7 +70,7 @@ def test_a_reading_of_two_axes_is_damage_and_said(tmp_path, hole):
     assert log.magnetometer is None
     np.testing.assert_array_equal(log.accelerometer, FORCE)
     assert "left out          the magnetometer: " in "\n".join(log.described())
-    assert ", line 6" in log.unclear[0]
+    assert ", line 6" in log.unclear[0].words
     with pytest.raises(InputError):  # but not where it is asked for
         read_log(path, columns="t,ax,ay,az,mx,my,mz")
 

@@ -85,7 +85,9 @@ def test_a_few_rows_without_a_temperature_are_interpolated(tmp_path):
         (tmp_path / "log.csv").write_text("\n".join([*rows, ""]))
         log = read_log(path)
         if hole.stop - hole.start > ROWS // 10:
-            assert "5 rows of 40, one behind another, have no temp" in log.unclear[0]
+            assert (
+                "5 rows of 40, one behind another, have no temp" in log.unclear[0].words
+            )
             continue
         np.testing.assert_allclose(log.temperature, CELSIUS, rtol=0, atol=1e-12)
         assert "is interpolated" in log.source[0][1]
@@ -102,7 +104,7 @@ def test_of_several_the_accelerometers_own_or_none(tmp_path):
         if taken:
             np.testing.assert_array_equal(log.temperature, CELSIUS)
         else:
-            assert "'temp_1', 'temp_2'" in log.unclear[0]
+            assert "'temp_1', 'temp_2'" in log.unclear[0].words
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,10 @@ def changed(log, sensor, by):
 def said(log, sensor=None, **how):
     found = units_of(log, **how)
     return [
-        words for name in found for words in found[name].said if sensor in (None, name)
+        str(each)
+        for name in found
+        for each in found[name].said
+        if sensor in (None, name)
     ]
 
 
@@ -104,7 +107,7 @@ def test_a_hemisphere_tells_a_mirrored_magnetometer():
     log = sound(table, 5, 0.2)
     mirrored = changed(log, "magnetometer", MIRROR)
     assert said(log) == []
-    assert "--hemisphere` tells" in said(mirrored)[0]
+    assert "(simval calibrate --hemisphere)." in said(mirrored)[0]
     # over poses all around, what the two vary together has the sign of field and up
     pairs = np.cov(log.accelerometer.T, log.magnetometer.T)[:3, 3:]
     north = bool(np.trace(pairs) < 0.0)

@@ -29,7 +29,8 @@ from simval.imu.recorded.attitudes import (
     turned,
 )
 from simval.imu.recorded.errors import quantile
-from simval.imu.recorded.evaluation import FilterRun, turned_words
+from simval.imu.recorded.evaluation import FilterRun
+from simval.imu.recorded.filter_account import filters_account, north
 from simval.imu.recorded.settings import Signals
 from simval.imu.recorded.world import find_world
 
@@ -189,8 +190,14 @@ def test_a_field_that_deviates_does_not_turn_the_truth_over():
     # what it says of the other north is what is measured there
     for each, there in zip(done, other, strict=True):
         assert each.truth.turned[1] == pytest.approx(total(there), abs=np.radians(0.2))
-    assert "exchanges right and follows" in turned_words(done)
-    assert "not decided: follows and right" in turned_words(other)
+    assert north(done).exchanged == ("right and follows",)
+    assert north(other).exchanged == ("follows and right",)
+    assert "right and follows change places" in filters_account(done).replies[0].do
+    assert "How wrong is right?" in str(done[0])
+    assert "How wrong is right?" in done[0]._repr_html_()
+    (wrong, _) = filters_account(other).replies
+    assert wrong.answer == "inconclusive"
+    assert "Cannot rank follows and right" in wrong.headline
     elsewhere = made(0, seconds=30.0, rate=50.0, world=[0.0, 0.0, 0.7])
     with pytest.raises(RefusedError, match=r"none of .* degrees off .*--truth-world"):
         aligned(elsewhere, None)

@@ -33,6 +33,10 @@ def folder(tmp_path_factory):
     return folder
 
 
+def bare(words):
+    return " ".join(words.split())
+
+
 def called(folder, *words):
     return run(["filter", *(str(folder / w) if "." in w else w for w in words)])
 
@@ -60,8 +64,10 @@ def test_errors_in_a_table(folder, capsys):
     assert sum(parts) == pytest.approx(good["rms"]["all"]["total"]["value"] ** 2, 1e-3)
     assert found["truth"]["scalar"] == "last"
     assert abs(found["truth"]["offset"]["value"]) < 4.0 * found["truth"]["offset"]["sd"]
-    for line in ("truth's clock", "sensor's axes", "truth's world", "RMS error"):
+    for line in ("bold is ", "The innovations of bold fit", "RMS error"):
         assert line in printed.out
+    answers = {each["question"]: each["answer"] for each in found["answers"]}
+    assert answers["Can their covariances be trusted?"] == "fail"
     assert "nan" not in printed.out
     page = (folder / "page.html").read_text()
     assert "Errors of mine over time" in page
@@ -86,8 +92,8 @@ def test_without_truth_a_filter_is_asked_about_itself(folder, capsys):
     code = called(folder, "log.csv", "--plugin", "mine.py")
     printed = capsys.readouterr().out
     assert code == 0
-    assert "Only truth shows the error" in printed
-    assert "if that is the truth, give it" in printed
+    assert "Without truth this is a self-check only" in bare(printed)
+    assert "If opt_q of the log is the truth, add --truth opt_q" in bare(printed)
     assert "RMS error" not in printed
 
 
@@ -98,8 +104,9 @@ def test_what_fails_is_said_and_the_others_are_measured(folder, capsys):
     code = called(folder, *words, *plugins)
     printed = capsys.readouterr().out
     assert code == 4
+    assert "was not measured" in printed
     assert "no more" in printed
-    assert "consistent" in printed
+    assert "mine is as wrong as it states" in printed
 
 
 @pytest.mark.ci

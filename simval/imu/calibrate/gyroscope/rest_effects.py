@@ -28,7 +28,7 @@ import scipy
 from simval.arrays import Array
 from simval.shapes import Float
 
-ODDS: Final = 4.0
+ODDS: Final = 5.0
 """At which columns are kept: one log of a hundred without an effect exceeds them.
 Measured, `tests/imu/calibrate/test_rest_effects.py`."""
 SIZES: Final = (0.5, 2.0)  # of effects; greater ones are seen whatever is believed

@@ -59,7 +59,8 @@ FEWEST_KNOWN = 7
 def checked_known(known: Any, recording: Recording) -> FitResult:
     """Return an accelerometer's calibration whose covariance can be inverted."""
     known = instance("known", known, FitResult)
-    require_same("known", known, recording.g, recording.model)
+    require_same("known", known, recording)
+    known = known.with_gravity(0.0)  # these poses took the same g
     shape = recording.poses.shape
     if known.parameters.shape[:-1] not in ((), shape[:-2]):
         msg = (

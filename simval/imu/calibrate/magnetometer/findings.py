@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from simval.account import Remark
 from simval.arrays import Array
 from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
@@ -60,10 +61,12 @@ STRONG_IRON = 0.7
 """Hard iron, of the field: beyond it the field inside the sensor can pass near zero."""
 # Of 150 random sets 99 % lose at most 4.6 with 12 poses, 2.0 with 20, 1.6 with 40.
 GEOMETRY_LIMIT = 5.0
-_NOT_CONVERGED = (
-    "the solver did not converge: the poses hardly fix the parameters, so do not use "
-    "them; turn and tilt to more sides"
+_NOT_CONVERGED = Remark(
+    "not converged",
+    "the solver did not converge: the poses hardly fix the parameters",
+    "Do not use them; turn and tilt to more sides.",
 )
+_LEAVE_OUT = "Leave out and calibrate again."
 _FEWEST_LEFT = 9  # poses after those that do not fit are left out
 _TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
 
@@ -78,20 +81,20 @@ def look(fit: Fitted, time: Float[Array, " n"], iron: float) -> dict[str, Any]:
     rest = 1.0
     if steady or varies.drop < np.nanmax(poses, initial=0.0):
         worst, rest = _left_out(fit)
-    words = [
-        "" if fit.converged[0] else _NOT_CONVERGED,
-        _few_words(fit),
-        _poses_named(poses, worst, rest),
-        "" if steady or worst else _drift_words(varies),
-        _scatter_words(fit, explained=bool(worst)),
-        _iron_words(iron),
-        _geometry_words(fit),
-        _axes_words(fit),
+    remarks = [
+        None if fit.converged[0] else _NOT_CONVERGED,
+        _few(fit),
+        _poses(poses, worst, rest),
+        None if steady or worst else _varying(varies),
+        _scatter(fit, explained=bool(worst)),
+        _iron(iron),
+        _geometry(fit),
+        _axes(fit),
     ]
     return {
         "pose_chi_square": poses,
         "disturbed": worst,
-        "findings": tuple(text for text in words if text),
+        "findings": tuple(each for each in remarks if each is not None),
         "steady_p_value": varies.p_value,
     }
 
@@ -118,87 +121,102 @@ def _left_out(fit: Fitted) -> tuple[tuple[int, ...], float]:
     return tuple(out), float(fit.chi_square[0] / fit.dof)
 
 
-def _few_words(fit: Fitted) -> str:
+def _few(fit: Fitted) -> Remark | None:
     count = fit.problem.accelerometer.readings.shape[1]
     if count >= ENOUGH:
-        return ""
-    return (
+        return None
+    words = (
         f"{count} poses leave {fit.dof} degrees of freedom: another calibration may "
         "fit as well, and a pose that does not belong can hide (of random sets of "
-        f"eight poses one in a hundred went wrong unseen); take {ENOUGH} or more"
+        "eight poses one in a hundred went wrong unseen)"
     )
+    numbers = {"poses": count, "dof": fit.dof}
+    return Remark("few poses", words, f"Take {ENOUGH} or more.", numbers)
 
 
-def _poses_named(poses: Array, worst: tuple[int, ...], rest: float) -> str:
+def _poses(poses: Array, worst: tuple[int, ...], rest: float) -> Remark | None:
     if not worst:
-        return ""
+        return None
     named = ", ".join(f"{k} (chi-square {poses[k]:.3g} of 3)" for k in worst)
     plural = "poses" if len(worst) > 1 else "pose"
-    return (
+    words = (
         f"{plural} {named} not of the same field as the others: iron or a current near "
         "by, a hold that moved, or another unit; without, chi-square per degree of "
-        f"freedom is {rest:.2f}: leave out and calibrate again"
+        f"freedom is {rest:.2f}"
     )
+    numbers = {"poses": list(worst), "chi2_per_dof_without": rest}
+    return Remark("poses", words, _LEAVE_OUT, numbers)
 
 
-def _scatter_words(fit: Fitted, *, explained: bool) -> str:
+def _scatter(fit: Fitted, *, explained: bool) -> Remark | None:
     chi_square = float(fit.chi_square[0])
     low, high = believed_range(fit.dof)
     ratio = chi_square / fit.dof
     if chi_square < low:
-        return overstated(np.sqrt(ratio))
+        times = float(np.sqrt(ratio))
+        return Remark("noise", overstated(times), numbers={"times": times})
     if chi_square <= high or explained:
-        return ""
-    return (
+        return None
+    gravity, strength, dip = _sizes(fit)
+    words = (
         f"the field is disturbed: chi-square per degree of freedom is {ratio:.2f}, and "
-        f"no few poses explain it; {_by_equation(fit)}; by the noise that was stated "
-        f"the error bars would be {np.sqrt(ratio):.1f} times too small"
+        f"no few poses explain it; the dip of the poses varies by {dip:.2g} degrees "
+        f"rms, the strength of the field by {strength:.2g} percent and gravity by "
+        f"{gravity:.2g} percent; by the noise that was stated the error bars would be "
+        f"{np.sqrt(ratio):.1f} times too small"
     )
+    numbers = {
+        "chi2_per_dof": ratio, "dip_degrees": dip, "strength_percent": strength,
+        "gravity_percent": gravity,
+    }  # fmt: skip
+    return Remark("disturbed", words, "Record away from iron and currents.", numbers)
 
 
-def _by_equation(fit: Fitted) -> str:
-    # the raw sizes of the three equations, in units that a person knows
+def _sizes(fit: Fitted) -> tuple[float, float, float]:
+    # the raw sizes of the three equations: percent of gravity and of the field, degrees
     sine = fit.theta[0, DIP]
     up, field = (each.w[0] for each in fit.here.at.values())
     lengths = np.linalg.norm(up, axis=1), np.linalg.norm(field, axis=1)
     cosine = np.clip(np.vecdot(up, field) / (lengths[0] * lengths[1]), -1.0, 1.0)
     angle = np.degrees(np.arcsin(-cosine) - np.arcsin(sine))
-    sizes = [float(np.sqrt(np.mean(x * x))) for x in (*lengths - np.ones(1), angle)]
-    return (
-        f"the dip of the poses varies by {sizes[2]:.2g} degrees rms, the strength of "
-        f"the field by {100.0 * sizes[1]:.2g} percent and gravity by "
-        f"{100.0 * sizes[0]:.2g} percent"
+    off = (*(100.0 * (each - 1.0) for each in lengths), angle)
+    gravity, strength, dip = (float(np.sqrt(np.mean(x * x))) for x in off)
+    return gravity, strength, dip
+
+
+def _varying(found: Drift) -> Remark:
+    percent = 100.0 * found.span
+    words = (
+        f"{found.what} varies with time, by {percent:.2g} percent over the poses "
+        f"(chance shows as much in {found.p_value:.1g} of steady fields): a current, "
+        "warming, or iron that moves"
     )
+    do = "Calibrate with everything switched as it will be in use."
+    numbers = {"percent": percent, "p_value": float(found.p_value)}
+    return Remark("varies", words, do, numbers)
 
 
-def _drift_words(found: Drift) -> str:
-    return (
-        f"{found.what} varies with time, by {100.0 * found.span:.2g} "
-        f"percent over the poses (chance shows as much in {found.p_value:.1g} of "
-        "steady fields): a current, warming, or iron that moves; calibrate with "
-        "everything switched as it will be in use"
-    )
-
-
-def _iron_words(iron: float) -> str:
+def _iron(iron: float) -> Remark | None:
     if not iron > STRONG_IRON:
-        return ""
-    return (
+        return None
+    words = (
         f"the hard iron is {iron:.2f} times the field, beyond {STRONG_IRON:g}: a "
-        "magnet or a strong current near the sensor, whose part may change; move the "
-        "sensor away from it"
+        "magnet or a strong current near the sensor, whose part may change"
     )
+    return Remark("iron", words, "Move the sensor away from it.", {"times": iron})
 
 
-def _geometry_words(fit: Fitted) -> str:
+def _geometry(fit: Fitted) -> Remark | None:
     own, even = fit.natural[0], even_sd(fit)
     loss = float(np.max(own[12:] / even[12:]))
     if loss <= GEOMETRY_LIMIT:
-        return ""
-    return (
+        return None
+    words = (
         f"the geometry is the limit: the worst error bar is {loss:.0f} times that of "
-        "as many poses turned to all sides; add poses in directions not yet covered"
+        "as many poses turned to all sides"
     )
+    do = "Add poses in directions not yet covered."
+    return Remark("geometry", words, do, {"times": loss})
 
 
 def even_sd(fit: Fitted) -> Float[Array, "25"]:
@@ -228,11 +246,13 @@ def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
     return up, np.sqrt(1.0 - sine**2) * level - sine * up
 
 
-def _axes_words(fit: Fitted) -> str:
+def _axes(fit: Fitted) -> Remark | None:
     right = np.linalg.det(fit.here.at["magnetometer"].matrix[0]) > 0.0
     if right:
-        return ""
-    return (
+        return None
+    words = (
         "the axes of the magnetometer are left-handed (det M < 0), as the hemisphere "
-        "says; if that is not in its data sheet, check the sign of a column"
+        "says"
     )
+    do = "If that is not in its data sheet, check the sign of a column."
+    return Remark("axes", words, do)

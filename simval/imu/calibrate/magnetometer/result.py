@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simval.account import Remark
 from simval.arrays import Array
 from simval.imu.calibrate.equations import FIELD_NAMES
 from simval.imu.calibrate.estimate import Estimate, plain
@@ -44,7 +45,7 @@ class MagnetometerFit(Estimate):
         Chi-square of each pose, three equations, (n,); empty for a batch.
     disturbed : tuple of int
         Poses that do not fit the others, the worst first; empty for a batch.
-    findings : tuple of str
+    findings : tuple of Remark
         What is to be known before the numbers are used, the gravest first.
     noise : NoiseFactors
         By how much the noise of each sensor was taken to exceed what was stated, with
@@ -69,7 +70,7 @@ class MagnetometerFit(Estimate):
     half_width: Float[Array, "..."]
     pose_chi_square: Float[Array, " n"]
     disturbed: tuple[int, ...]
-    findings: tuple[str, ...]
+    findings: tuple[Remark, ...]
     noise: NoiseFactors
     steady_p_value: float
     assumption: str
@@ -176,5 +177,6 @@ class MagnetometerFit(Estimate):
             "half_width": float(self.half_width),
             "right_handed": bool(self.right_handed),
             "assumption": self.assumption,
-            "findings": list(self.findings),
+            "findings": [str(each) for each in self.findings],
+            "remarks": [each.as_object() for each in self.findings],
         }

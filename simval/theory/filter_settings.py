@@ -1,0 +1,385 @@
+r"""Settings of a filter whose readings have errors that it does not know.
+
+A filter that is told the true noise states a covariance that knows nothing of what a
+calibration left (`simval.theory.filter_budget`). Told more, it states more, and leans
+on its sensors otherwise. With factors x of the told noise, N and K of the gyroscope and
+R of each vector sensor, eq. (F7) and (F8) give the error and NEES without a trial, and
+the settings sought are
+
+.. math:: \min_x \max_m \mathrm{rms}_m(x) \quad\text{with}\quad
+   \mathrm{NEES}_{mp}(x) \le h, \quad \tfrac1M\sum_m \mathrm{NEES}_{mp}(x) \ge l,
+   \tag{F16}
+
+over M motions and parts p of their time, each a mean over rows from where the start is
+forgotten; NEES is that of the attitude, 3 where all is true. All x are 1 or more: a
+filter is not told less noise than there is. A covariance is honest where its NEES is in
+the band from l to h.
+
+**The search** is one of few variables: N and R of one vector sensor, the one by which a
+grid of whole decades is best, then a third where it lowers the error by more than
+`GAIN`. From the grid's best, sequential quadratic programming (D. Kraft, DFVLR-FB
+88-28, 1988) goes on in decades, with the error's logarithm as one more variable above
+those of all motions. The rows of a long path are taken k at a time, with
+:math:`R/\sqrt k`: the same information, and an error of the order of the turn between.
+What is answered is of the path as it is.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import scipy
+
+from simval.arguments import instance, whole_number
+from simval.arrays import Array, finite_array
+from simval.errors import InputError
+from simval.shapes import Float
+from simval.theory.filter_budget import FilterPrediction, filter_prediction
+from simval.theory.filter_model import (
+    Error,
+    FilterModel,
+    FilterPath,
+    RowError,
+    check_errors,
+)
+
+Factors = Mapping[str, float]
+"""Of the noise that is told: ``N``, ``K``, vector sensors by name; 1 where absent."""
+NOISE: Final = "N"
+WALK: Final = "K"
+BAND: Final = (1.5, 3.3)
+"""Of an honest NEES: deviations stated 5 % too small to 41 % too large."""
+GAIN: Final = 0.05
+MOST: Final = 4.0  # decades of a factor
+KEPT: Final = 250  # rows of a motion whose mean is taken
+COARSE: Final = 1000  # rows of all motions together in a search
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilterCase:
+    """A motion, its sensors, and what their readings are off by.
+
+    Attributes
+    ----------
+    path : FilterPath
+        The true motion.
+    truth : FilterModel
+        The true noise, sensors and start.
+    errors : tuple of CalibrationError and RowError
+        What the readings are off by and the filter does not know.
+    settle : float
+        Time at the start of which nothing is asked, s.
+
+    Raises
+    ------
+    InputError
+        If the gyroscope has no noise, or the motion is over when the start is.
+    """
+
+    path: FilterPath
+    truth: FilterModel
+    errors: tuple[Error, ...] = ()
+    settle: float = 2.0
+
+    def __post_init__(self) -> None:
+        T = len(instance("path", self.path, FilterPath).dt)
+        names = tuple(
+            s.name for s in instance("truth", self.truth, FilterModel).sensors
+        )
+        object.__setattr__(self, "errors", check_errors(self.errors, names, T))
+        if not np.all(self.truth.gyroscope_noise > 0.0):
+            msg = "`gyroscope_noise` is 0; a factor of it needs noise above 0"
+            raise InputError(msg)
+        if not 0.0 <= self.settle < self.path.dt[:-1].sum():
+            msg = (
+                f"`settle` is {self.settle:g} s and the motion lasts "
+                f"{self.path.dt.sum():.4g} s; leave out less, or give a longer motion"
+            )
+            raise InputError(msg)
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Names of what a filter can be told more of."""
+        walk = (WALK,) * bool(np.all(self.truth.gyroscope_walk > 0.0))
+        return (NOISE, *(each.name for each in self.truth.sensors), *walk)
+
+    def told(self, factors: Factors) -> FilterModel:
+        """The model that a filter is told."""
+        truth, x = self.truth, dict.fromkeys(self.factors, 1.0) | dict(factors)
+        return replace(
+            truth,
+            gyroscope_noise=x[NOISE] * truth.gyroscope_noise,
+            gyroscope_walk=x.get(WALK, 1.0) * truth.gyroscope_walk,
+            sensors=tuple(replace(s, std=x[s.name] * s.std) for s in truth.sensors),
+        )
+
+    def prediction(self, factors: Factors) -> FilterPrediction:
+        """Error and NEES with settings, at rows spread over the time asked of."""
+        time = np.cumsum(self.path.dt)
+        rows = np.flatnonzero(time > self.settle)
+        some = np.unique(np.linspace(0, len(rows) - 1, KEPT).round().astype(np.intp))
+        return filter_prediction(
+            self.path, self.truth, told=self.told(factors), errors=self.errors,
+            keep=rows[some],
+        )  # fmt: skip
+
+    def scaled(self, by: Factors) -> "FilterCase":
+        """The same with other noise, and other errors by `name_of`."""
+        return replace(
+            self,
+            truth=self.told(by),
+            errors=tuple(_scaled(e, by.get(name_of(e), 1.0)) for e in self.errors),
+        )
+
+    def coarse(self, rows: int) -> "FilterCase":
+        """The same of about so many rows, each of the information of several."""
+        k = max(1, len(self.path.dt) // rows)
+        T = len(self.path.dt) // k
+        sensors = (replace(s, std=s.std / np.sqrt(k)) for s in self.truth.sensors)
+        return replace(
+            self,
+            path=FilterPath(
+                dt=self.path.dt[: T * k].reshape(T, k).sum(axis=1),
+                attitude=self.path.attitude[: T * k + 1 : k],
+            ),
+            truth=replace(self.truth, sensors=tuple(sensors)),
+            errors=tuple(
+                replace(e, rows=e.rows[: T * k].reshape(T, k, 3).mean(axis=1))
+                if isinstance(e, RowError)
+                else e
+                for e in self.errors
+            ),
+        )
+
+
+def name_of(error: Error) -> str:
+    """Name of an error in a budget, and by which it is scaled."""
+    return f"{error.of} disturbance" if isinstance(error, RowError) else error.name
+
+
+def _scaled(error: Error, times: float) -> Error:
+    if isinstance(error, RowError):
+        return replace(error, rows=times * error.rows)
+    C = error.covariance
+    return replace(error, covariance=None if C is None else times**2 * C)
+
+
+class FilterEffect(NamedTuple):
+    """What a filter achieves over motions, each a mean over its rows."""
+
+    rms: Float[Array, " m"]  # of the attitude's error per axis, rad, by motion
+    nees: Float[Array, "m p"]  # by motion and part of its time; 3 where all is true
+
+    @property
+    def worst(self) -> float:
+        """Greatest error of a motion, rad."""
+        return float(self.rms.max())
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return {"rms": self.worst, "nees": self.nees.tolist()}
+
+    def excess(self, band: tuple[float, float]) -> Float[Array, " c"]:
+        """Logarithms by which NEES is out of a band: none above 0 is honest."""
+        low, high = np.log(band)
+        above = np.log(self.nees.ravel()) - high
+        return np.append(above, low - np.log(self.nees.mean(axis=0)))
+
+
+def effect(
+    cases: Sequence[FilterCase], factors: Factors, parts: int = 1
+) -> FilterEffect:
+    """Predict what settings achieve.
+
+    Parameters
+    ----------
+    cases : sequence of FilterCase
+        The motions.
+    factors : mapping
+        Of the noise that is told.
+    parts : int, default 1
+        Parts of a motion, equal in time, whose NEES is told apart.
+
+    Returns
+    -------
+    FilterEffect
+        Error and NEES by motion.
+    """
+    rms, nees = [], []
+    for case in cases:
+        found = case.prediction(factors)
+        rms.append(np.sqrt(np.mean(found.rms() ** 2)))
+        own = np.array_split(found.nees(3), whole_number("parts", parts, 1, KEPT))
+        nees.append([each.mean() for each in own])
+    return FilterEffect(np.array(rms), np.array(nees))
+
+
+def budget(cases: Sequence[FilterCase], factors: Factors) -> dict[str, float]:
+    """Error by source, rad per axis, over all motions; the squares add up."""
+    squares: dict[str, float] = {}
+    for case in cases:
+        found = case.prediction(factors)
+        P = np.trace(found.parts[:, :, :3, :3], axis1=2, axis2=3).mean(axis=1) / 3.0
+        known = float(np.mean(found.mean[:, :3] ** 2))
+        rows = zip((*found.names, "disturbance"), (*P.tolist(), known), strict=True)
+        for name, square in rows:
+            squares[name] = squares.get(name, 0.0) + square / len(cases)
+    return {name: float(np.sqrt(square)) for name, square in squares.items()}
+
+
+class FilterSettings(NamedTuple):
+    """Settings that were found, and what they achieve."""
+
+    factors: dict[str, float]
+    effect: FilterEffect
+    honest: bool
+
+
+def honest_settings(
+    cases: Sequence[FilterCase],
+    *,
+    band: tuple[float, float] = BAND,
+    parts: int = 1,
+    start: Factors | None = None,
+) -> FilterSettings:
+    """Find the honest settings of least error, eq. (F16).
+
+    Parameters
+    ----------
+    cases : sequence of FilterCase
+        The motions, of the same sensors; the worst of them counts.
+    band : (float, float)
+        Least and greatest NEES of an honest covariance.
+    parts : int, default 1
+        Parts of each motion, equal in time, in each of which it must hold.
+    start : mapping, optional
+        Settings of a like case: their variables alone are then searched, from there.
+
+    Returns
+    -------
+    FilterSettings
+        If none is honest, those that are least out of the band.
+
+    Raises
+    ------
+    InputError
+        If there is no motion, the sensors differ, or the band is none.
+    """
+    if not cases or len({instance("cases", c, FilterCase).factors for c in cases}) > 1:
+        msg = "`cases` must be one motion or more, all of the same sensors"
+        raise InputError(msg)
+    low, high = finite_array("band", band, (2,)).tolist()
+    if not 0.0 < low < high:
+        msg = f"`band` is {low:g} to {high:g}; give a least NEES above 0 and a greatest"
+        raise InputError(msg)
+    rows = max(1, COARSE // len(cases))
+    search = _Search([case.coarse(rows) for case in cases], (low, high), parts)
+    rough = search.all() if start is None else search.local(search.at(start))
+    whole = _Search(cases, (low, high), parts)
+    best = whole.at(rough.factors)
+    if best.excess.max() > 0.0 or np.abs(best.rms - rough.rms).max() > NEAR:
+        best = whole.local(best)
+    found = effect(cases, best.factors, parts)
+    return FilterSettings(best.factors, found, bool(best.excess.max() <= 0.0))
+
+
+NEAR: Final = 0.02
+"""Logarithm of the error by which rows taken together may differ from those of the
+path; else the search goes on there."""
+INSIDE: Final = 1e-3
+"""Logarithm of NEES by which a search stays inside of the band."""
+DECADE: Final = 0.005
+"""Logarithm of the error that a decade of a factor must gain."""
+
+
+class _Point(NamedTuple):
+    factors: dict[str, float]
+    rms: Float[Array, " m"]  # logarithms
+    excess: Float[Array, " c"]
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """How far out of the band, and the error."""
+        spread = sum(np.log10([*self.factors.values()]))
+        return max(0.0, self.excess.max()), float(self.rms.max()) + DECADE * spread
+
+    @property
+    def penalty(self) -> float:
+        """Of one number: a factor of all noise moves NEES, and the error not at all."""
+        return sum(self.rank)
+
+
+_rank, _penalty = attrgetter("rank"), attrgetter("penalty")
+
+
+class _Search:
+    """Settings of cases in a band; what was looked at is not computed again."""
+
+    def __init__(
+        self, cases: Sequence[FilterCase], band: tuple[float, float], parts: int
+    ) -> None:
+        self.cases, self.band, self.parts = cases, band, parts
+        self.seen: dict[tuple[tuple[str, float], ...], tuple[Array, Array]] = {}
+
+    def at(self, factors: Factors) -> _Point:
+        key = tuple(sorted((n, f) for n, f in factors.items() if f != 1.0))
+        if key not in self.seen:
+            found = effect(self.cases, factors, self.parts)
+            self.seen[key] = np.log(found.rms), found.excess(self.band)
+        return _Point(dict(factors), *self.seen[key])
+
+    def all(self) -> _Point:
+        """A grid, two variables, and a third if it gains."""
+        first, *others = self.cases[0].factors
+        grids = {s: self.grid(first, s) for s in others if s != WALK}
+        sensor = min(grids, key=lambda s: grids[s][0].penalty)
+        two = min(map(self.local, grids[sensor]), key=_rank)
+        best = two
+        for third in (each for each in others if each != sensor):
+            starts = [self.at(two.factors | {third: 2.0})]
+            if third != WALK:
+                starts += self.grid(first, sensor, third)
+            best = min(best, *map(self.local, starts), key=_rank)
+        (out, error), (left, less) = two.rank, best.rank
+        return best if left < out or less < error + np.log1p(-GAIN) else two
+
+    def grid(self, first: str, *others: str) -> list[_Point]:
+        """The best of whole decades, near the band and, if it is another, within."""
+        whole = [10.0**a for a in np.arange(MOST)]
+        pairs = ({first: a} | dict.fromkeys(others, b) for a in whole for b in whole)
+        points = [self.at(each) for each in pairs]
+        near, within = min(points, key=_penalty), min(points, key=_rank)
+        return [near] if near.factors == within.factors else [near, within]
+
+    def local(self, start: _Point) -> _Point:
+        """Least error within the band, or least out of it, from a start."""
+        names, n, mine = tuple(start.factors), len(start.factors), [start]
+
+        def point(x: Float[Array, " n"]) -> _Point:
+            factors = 10.0 ** np.clip(x[:n], 0.0, MOST)
+            mine.append(self.at(dict(zip(names, factors.tolist(), strict=True))))
+            return mine[-1]
+
+        def room(x: Float[Array, " n"]) -> Float[Array, " c"]:
+            found = point(x)
+            return np.append(-found.excess - INSIDE, x[n] - found.rms)
+
+        def less(x: Float[Array, " n"]) -> Float[Array, " c"]:
+            return np.asarray(x[n] - point(x).excess)
+
+        for aim in (room, less, room):
+            best = min(mine, key=_rank)
+            top = best.excess.max() if aim is less else best.rms.max()
+            scipy.optimize.minimize(
+                lambda x: x[n] + DECADE * x[:n].sum(),
+                np.append(np.log10([*best.factors.values()]), top),
+                method="SLSQP",
+                bounds=[(0.0, MOST)] * n + [(None, None)],
+                constraints={"type": "ineq", "fun": aim},
+                options={"maxiter": 12, "ftol": 1e-3, "eps": 1e-3},
+            )
+            if (min(mine, key=_rank).rank[0] == 0.0) != (aim is less):
+                break
+        return min(mine, key=_rank)
