@@ -190,7 +190,6 @@ def test_the_fixture_judges_a_filter(judged):
         "simval_filter(make, **declared, scenario='gimbal slow', **short)",
         fixture="simval_filter",
     )
-<<<<<<< HEAD
     assert "make, filter: FAIL" in said
 
 
@@ -216,6 +215,4 @@ def test_a_simulated_imu(pytester):
     pytester.runpytest_inprocess("-p", "no:cacheprovider").assert_outcomes(
         passed=1, failed=1
     )
-=======
     assert "! Does make, a filter, agree with theory?\n  No: overconf" in said
->>>>>>> main

@@ -145,6 +145,11 @@ def judged(
         if turn and after.near(state):
             break
         state = after
+    if not explained:  # no name is better than a guess
+        right = [each for each in search.terms if not each.wrong]
+        fit, value = regression.fit(right, nulls[which]), nulls[which].copy()
+        for term in right:
+            value[search.place[term.name]] = fit.of(term.name)[0]
     end = Converged(
         regression, fit, nulls[which], value, state, rows, INSTANTS[which], explained
     )

@@ -288,7 +288,7 @@ class Regression:
     ) -> tuple[bool, int, TermFit]:
         """Return the fewest wrong things that explain, and with which values of right.
 
-        Of as many, those of the least squares. Where no few explain, none are wrong.
+        Of as many, those of the least squares; where no few explain, of the most.
         """
         always = tuple(each for each in self.terms if not each.wrong)
         wrong = [each for each in self.terms if each.wrong]
@@ -312,4 +312,4 @@ class Regression:
             found = best(combinations(wrong, size))
             if found[0]:
                 return found
-        return plain
+        return found
