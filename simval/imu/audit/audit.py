@@ -172,6 +172,8 @@ class Audit(Told):
         )
         if wrong:
             said = "; ".join(each for each, _ in wrong)
+            if found.unexplained:
+                said += f"; {100.0 * found.unexplained:.2g} % is left unexplained"
             made = "; ".join(dict.fromkeys(why for _, why in wrong if why))
             return Reply(
                 title=title, answer="fail", headline=f"No: it {said}.",

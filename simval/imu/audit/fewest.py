@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.geometry import from_rotation_vector
-from simval.imu.audit.regression import Regression, TermFit, TermRows, bands_of
+from simval.imu.audit.regression import (
+    Explained,
+    Regression,
+    TermFit,
+    TermRows,
+    bands_of,
+)
 from simval.imu.audit.terms import BIAS, ENDS, Expansion, Piece, SensorTerms
 from simval.path import in_body, to_world
 from simval.shapes import Float
@@ -145,7 +151,7 @@ def judged(
         if turn and after.near(state):
             break
         state = after
-    if not explained:  # no name is better than a guess
+    if explained == "no":  # no name is better than a guess
         right = [each for each in search.terms if not each.wrong]
         fit, value = regression.fit(right, nulls[which]), nulls[which].copy()
         for term in right:
@@ -261,7 +267,7 @@ class Converged(NamedTuple):
     state: Expansion
     rows: list[TermRows]
     instant: float
-    explained: bool
+    explained: Explained
 
 
 def _whole(name: str, sensor: SensorTerms, fit: TermFit) -> float:
@@ -339,7 +345,7 @@ def _told(
         deviation=regression.deviation, spikes=spikes,
         left=[(p.time, each) for p, each in zip(pieces, left, strict=True)],
         corrected=corrected, bound=float(max(error)),
-        size=size, unexplained=0.0 if explained else rest / max(size, 1e-300),
+        size=size, unexplained=0.0 if explained == "all" else rest / max(size, 1e-300),
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ is less than chance, an F quantile at the stated rate, and this bound allow.
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -43,6 +43,8 @@ SPREAD: Final = (
     1.149  # of a variance by the taper: mean of its fourth power over squares
 )
 MOST: Final = 3  # wrong things together; of more, their names would be a guess
+MAINLY: Final = 0.01  # of the squares: who leaves less names the main things
+Explained = Literal["all", "mainly", "no"]
 RANK: Final = 1e-11
 HIDDEN: Final = 1e-4  # of a parameter, in directions that are not told
 TINY: Final = 1e-150
@@ -285,10 +287,11 @@ class Regression:
 
     def fewest(
         self, nulls: Sequence[Float[Array, " p"]], rate: float
-    ) -> tuple[bool, int, TermFit]:
+    ) -> tuple[Explained, int, TermFit]:
         """Return the fewest wrong things that explain, and with which values of right.
 
-        Of as many, those of the least squares; where no few explain, of the most.
+        Of as many, those of the least squares. Where no few explain all, the fewest
+        that explain most of it; where none do that, the best of the most.
         """
         always = tuple(each for each in self.terms if not each.wrong)
         wrong = [each for each in self.terms if each.wrong]
@@ -305,11 +308,13 @@ class Regression:
                 good or fits, key=lambda each: each[1].squares + penalty * each[1].rank
             )
 
-        plain = best([()])
-        if plain[0]:
-            return plain
-        for size in range(1, MOST + 1):
-            found = best(combinations(wrong, size))
-            if found[0]:
-                return found
-        return found
+        tried = []
+        for size in range(MOST + 1):
+            tried.append(best(combinations(wrong, size)))
+            if tried[-1][0]:
+                return ("all", *tried[-1][1:])
+        most = self.whole.squares + MAINLY * (tried[0][2].squares - self.whole.squares)
+        for _, which, fit in tried:
+            if fit.squares <= most:
+                return "mainly", which, fit
+        return ("no", *tried[-1][1:])
