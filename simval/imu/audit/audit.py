@@ -272,8 +272,8 @@ class Audit(Told):
                 Quantity(n, float(v), float(sd) if np.isfinite(sd) else None)
                 for n, v, sd in zip("xyz", item.value[:3], item.sd, strict=False)
             ]
-            known = item.name not in ("axes", "constant") or item.wrong
-            if known and np.isfinite(item.sd).all():
+            known = item.name not in ("axes", "constant") and item.judged.all()
+            if (known or item.wrong) and np.isfinite(item.sd).all():
                 lines.append(Line(words.TITLES[item.name],
                                   words.UNITS.get(item.name, ""), cells))  # fmt: skip
         facts = [Fact("rows", words.rows_of(found.instant)),

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from imu.audit.zoo import MOUNT, simulated
+from places import ROOT
 
 from simval.cli.audit import _text
 
@@ -116,6 +117,22 @@ def simulate(request):
                 accelerometer=np.stack([z, z, z + SIGN * 9.81], axis=1),
                 gravity=(0, 0, -9.81), lever=(0, 0, 0), mount=(0, 0, 0, 1))
 """
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("name", "code", "said"),
+    [
+        ("mujoco_step", 1, "1.4999"),  # the state before the step: a step, and a half
+        ("mujoco_forward", 3, "the mean over the step before it"),
+    ],
+)
+def test_the_adapters_of_mujoco(simval, name, code, said):
+    """As docs/simulated_imus.md has them; the engines beside it want their packages."""
+    file = ROOT / "docs" / "examples" / "simulators" / f"{name}.py"
+    got, out, err = simval("audit", file, "--seconds", "8")
+    assert got == code, out + err
+    assert said in out
 
 
 def test_a_simulator_s_file(simval, tmp_path):
