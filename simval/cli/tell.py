@@ -459,7 +459,7 @@ def measured(
 
     from simval.account import Fact
     from simval.imu.noise import load_noise
-    from simval.imu.noise.model import largest
+    from simval.imu.noise.model import equivalent_words, largest
 
     noise = load_noise(path)
     sensors = {
@@ -482,6 +482,9 @@ def measured(
             name = kind if sensor == "gyroscope" else sensor
             most = largest(axes, kind, np.full(3, unit))
             value, low, high = most.value, most.low, most.high
+            words += f"; {kind} is {equivalent_words(most.horizon)}" * bool(
+                most.horizon
+            )
             refuse_if(
                 value is None and kind == "N",
                 f"{path} shows no white noise of the {sensor}; state it by an option",
