@@ -71,6 +71,15 @@ def test_a_shift_makes_as_large_an_error_alone(advised):
     assert np.sqrt(square) == pytest.approx(found.settings.effect.worst, rel=1e-6)
 
 
+def test_what_helps_nothing_is_not_advised(advised):
+    _, found = advised
+    none = replace(found, halves={"start": 1.00003, "gyroscope noise": 0.9999999})
+    helps = none.account.replies[-1]
+    assert helps.headline.endswith("none gains 1 %.")
+    assert helps.do == ""
+    assert helps.lines == ("gyroscope noise: less than 1 %", "start: less than 1 %")
+
+
 def test_where_no_setting_is_right(advised):
     _, found = advised
     none = replace(found, settings=found.settings._replace(honest=False))

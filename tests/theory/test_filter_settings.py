@@ -166,6 +166,14 @@ def test_a_case_that_cannot_be_asked(short, change, words):
         replace(short, **change)
 
 
+def test_a_sensor_without_noise_is_refused(short):
+    """Where a search would end in a matrix that cannot be inverted."""
+    with pytest.raises(InputError, match="noise of the accelerometer is"):
+        honest_settings([short.scaled({"accelerometer": 1e-12})])
+    with pytest.raises(InputError, match="`gyroscope_noise`"):
+        short.scaled({"N": 1e-300})
+
+
 @pytest.mark.parametrize("band", [(3.0, 2.0), (0.0, 3.0), (np.nan, 3.0)])
 def test_a_band_that_is_none(short, band):
     with pytest.raises(InputError, match="band"):

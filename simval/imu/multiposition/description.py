@@ -123,7 +123,7 @@ def conditions(whole: Any) -> tuple[Condition, ...]:
     """Judge the sensors of a log, the accelerometer first."""
     found = [
         _rests(whole),
-        order(whole.diagnosis),
+        _drift_in_fit(whole) or order(whole.diagnosis),
     ]
     if whole.warm.rests is not None:
         found += [_temperature(whole), _within(whole.warm.within)]
@@ -186,6 +186,15 @@ def order(found: Diagnosis, sensor: str = "accelerometer") -> Condition:
         words=words,
         do=REPEAT if hides else "",
     )
+
+
+def _drift_in_fit(whole: Any) -> Condition | None:
+    # nothing is hidden by the order of the poses where the fit has the drift
+    found = whole.warm.thermal
+    if found is None or found.over is not TIME or ("bias", 1) not in found.terms:
+        return None
+    words = "a drift of its bias is in the fit, and in the error bars"
+    return Condition("order of the poses", True, float("nan"), HIDDEN, words)
 
 
 def _drift(name: str, found: Drift) -> Condition:
@@ -473,7 +482,8 @@ def _facts(whole: Any) -> Iterator[Fact]:
                f"{whole.multiplier:g} times the variance at rest)")  # fmt: skip
     yield from (Fact("cut", each) for each in (*whole.steps, *whole.cuts))
     if warm.rests is None:
-        yield from [Fact("drift", warm.reason)] if warm.reason else []
+        if warm.reason:  # it was asked for
+            yield Fact("drift", warm.reason, notable=warm.thermal is None)
     else:
         for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
             yield from [Fact("temperature", words)] if words else []
