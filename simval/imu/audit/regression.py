@@ -50,7 +50,7 @@ HIDDEN: Final = 1e-4  # of a parameter, in directions that are not told
 TINY: Final = 1e-150
 
 
-class Term(NamedTuple):
+class AuditTerm(NamedTuple):
     """What may be wrong, or is not declared and fitted."""
 
     name: str
@@ -126,7 +126,7 @@ def bands_of(pieces: Sequence[TermRows]) -> Bands:
 class TermFit(NamedTuple):
     """Parameters of some terms."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[AuditTerm, ...]
     value: Float[Array, " p"]
     sd: Float[Array, " p"]  # infinite where the recording does not tell it
     bound: Float[Array, " p"]  # of the error of the value by that of the ideal, (W4)
@@ -178,7 +178,7 @@ class Regression:
     """
 
     def __init__(
-        self, bands: Bands, terms: Sequence[Term], null: Float[Array, " p"]
+        self, bands: Bands, terms: Sequence[AuditTerm], null: Float[Array, " p"]
     ) -> None:
         self.terms, self._bands = tuple(terms), bands
         ends = np.cumsum([each.basis.shape[1] for each in terms])
@@ -238,11 +238,11 @@ class Regression:
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         return min(float(np.linalg.eigvalsh(root.T @ own @ root)[-1]), 1.0)
 
-    def fit(self, terms: Iterable[Term], null: Float[Array, " p"]) -> TermFit:
+    def fit(self, terms: Iterable[AuditTerm], null: Float[Array, " p"]) -> TermFit:
         """Fit some terms; the parameters of all others have their values in `null`."""
         return self._fit(tuple(terms), null)[1]
 
-    def _fit(self, terms: tuple[Term, ...], null: Array) -> tuple[Array, TermFit]:
+    def _fit(self, terms: tuple[AuditTerm, ...], null: Array) -> tuple[Array, TermFit]:
         free = np.concatenate([self.place[each.name] for each in terms])
         p = len(self._prior)
         offset = null.copy()
@@ -296,7 +296,7 @@ class Regression:
         always = tuple(each for each in self.terms if not each.wrong)
         wrong = [each for each in self.terms if each.wrong]
 
-        def best(sets: Iterable[tuple[Term, ...]]) -> tuple[bool, int, TermFit]:
+        def best(sets: Iterable[tuple[AuditTerm, ...]]) -> tuple[bool, int, TermFit]:
             fits = [
                 (k, self.fit((*always, *some), null))
                 for some in sets

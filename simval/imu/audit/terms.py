@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.geometry import cross
-from simval.imu.audit.regression import Term, TermRows
+from simval.imu.audit.regression import AuditTerm, TermRows
 from simval.imu.audit.simulated import LEAST, Declared, SimulatedImu
 from simval.path import Kinematics, PosePath, in_body, in_world
 from simval.shapes import Bool, Float
@@ -217,14 +217,14 @@ class SensorTerms:
 
     def term(
         self, name: str, *parts: str, wrong: bool = True, sd: float = np.inf
-    ) -> Term:
+    ) -> AuditTerm:
         """All parameters of some columns, side by side."""
         own = [self.place[each] for each in parts or (name,)]
         width = sum(count for _, count in self.names)
         basis = np.hstack([np.eye(width)[:, each] for each in own])
-        return Term(name, basis, wrong, sd)
+        return AuditTerm(name, basis, wrong, sd)
 
-    def matrix_terms(self) -> list[Term]:
+    def matrix_terms(self) -> list[AuditTerm]:
         """Scale, axes that are not square or not those declared, and a mount."""
         turns = np.array([np.cross(_EYE[k], _EYE).T.ravel() for k in range(3)]).T
         shears = [np.diag([1.0, -1.0, 0.0]), np.diag([0.5, 0.5, -1.0])]
@@ -233,14 +233,14 @@ class SensorTerms:
             each[k - 1, k - 2] = each[k - 2, k - 1] = 1.0
             shears.append(each)
         square: Array = np.array([each.ravel() for each in shears]).T
-        found = [Term("scale", self.basis(("matrix", _EYE.reshape(9, 1))))]
+        found = [AuditTerm("scale", self.basis(("matrix", _EYE.reshape(9, 1))))]
         if self.declared.mount is None:
-            found.append(Term("mount", self.basis(("matrix", turns)), False, 1.0))
+            found.append(AuditTerm("mount", self.basis(("matrix", turns)), False, 1.0))
         else:
             square = np.asarray(np.hstack([turns, square]))
-        return [*found, Term("axes", self.basis(("matrix", square)))]
+        return [*found, AuditTerm("axes", self.basis(("matrix", square)))]
 
-    def terms(self) -> list[Term]:
+    def terms(self) -> list[AuditTerm]:
         """All that is asked."""
         raise NotImplementedError
 
@@ -312,7 +312,7 @@ class GyroscopeTerms(SensorTerms):
     names = (("constant", 3), ("delay", 1), ("width", 1), ("matrix", 9))
     motions = 0
 
-    def terms(self) -> list[Term]:
+    def terms(self) -> list[AuditTerm]:
         """Terms of a gyroscope."""
         return [
             self.term("bias", "constant", wrong=False, sd=BIAS[self.name]),
@@ -357,22 +357,22 @@ class AccelerometerTerms(SensorTerms):
     )  # fmt: skip
     motions = 11
 
-    def terms(self) -> list[Term]:
+    def terms(self) -> list[AuditTerm]:
         """Terms of an accelerometer."""
         both = ("Euler", _EYE), ("centripetal", _EYE)
         declared = self.declared
-        lever = Term("lever", self.basis(*both), declared.lever is not None)
+        lever = AuditTerm("lever", self.basis(*both), declared.lever is not None)
         if declared.lever is None:
             lever = lever._replace(sd=FAR)
         found = [self.term("bias", "constant", wrong=False, sd=BIAS[self.name]), lever]
         if declared.gravity is None:
             up = self.nominal()[self.place["gravity"], None]
-            found.append(Term("g", self.basis(("gravity", up)), False, EARTH))
+            found.append(AuditTerm("g", self.basis(("gravity", up)), False, EARTH))
         return [
             *found, *self.matrix_terms(),
             *map(self.term, ("linear", "gravity", "Euler", "centripetal", "transport")),
             self.term("delay", "delay", "width"), self.term("instants", "late", "wide"),
-            Term("difference", np.hstack([
+            AuditTerm("difference", np.hstack([
                 self.basis(("turned", np.eye(1))),
                 self.basis(("wide", np.eye(1))),
             ])),
