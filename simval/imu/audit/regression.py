@@ -117,9 +117,9 @@ def bands_of(pieces: Sequence[TermRows]) -> Bands:
         rounding += sum(energies(each) / each.shape[1] for each in piece.rounding)
         bins += np.diff(starts)
         energy += float((energies(piece.reading) + signal_).sum()) / len(band)
-    # rounding is noise; what is coherent is that of a column with that of the target
+    # rounding of a smooth path is coherent with it where rows are many
     rounding *= 3.0
-    bound = np.sqrt(bounds).sum(axis=0) + rounding / np.sqrt(signal + TINY)
+    bound = np.sqrt(bounds).sum(axis=0) + np.sqrt(rounding)
     return Bands(products, signal, bound, rounding, bins, energy)
 
 
