@@ -494,7 +494,7 @@ def measured(
 
     from simval.account import Fact
     from simval.imu.noise import load_noise
-    from simval.imu.noise.model import largest
+    from simval.imu.noise.model import equivalent_words, largest
 
     noise = load_noise(path)
     sensors = {
@@ -517,6 +517,13 @@ def measured(
             name = kind if sensor == "gyroscope" else sensor
             most = largest(axes, kind, np.full(3, unit))
             value, low, high = most.value, most.low, most.high
+            words += f"; {kind} is {equivalent_words(most.horizon)}" * bool(
+                most.horizon
+            )
+            refuse_if(
+                value is None and kind == "N",
+                f"{path} shows no white noise of the {sensor}; state it by an option",
+            )
             if value is None:  # K whose variance of the rest's mean is that of N
                 seconds = min(axis.rows / axis.rate_hz for axis in axes)
                 value = 3.0**0.5 * size.get("N", 0.0) / seconds

@@ -28,9 +28,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.change import question
-from simval.judge import Comparison, GateResult, Step
+from simval.judge import Comparison, Step
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.findings import rounded_up
+from simval.judge.gate import outcome
 from simval.report.curves import simultaneous
 from simval.report.findings import percent
 from simval.report.formatting import begun, spelled
@@ -171,34 +172,18 @@ def as_theory_says(context: Context) -> Block:
         _study_line(s, [v for v in verdicts if v.cell.study == s]) for s in studies
     ]
     missing = _missing(context)
+    more = [v.more for v in verdicts if v.more == v.more]
+    if more:
+        said = f"{rounded_up(max(more))} times as many would do"
+        missing.append(Line(what="Too few trials", said=said, answer="inconclusive"))
     return Block(
         title="As theory says",
         answer=overall(verdicts),
-        headline=_headline(context.judged, whole=not missing),
+        headline=begun(outcome(replace(context.judged, comparisons=(), first=""))),
         lines=missing + sorted(lines, key=lambda line: WORST_FIRST.index(line.answer)),
         note=f"{_farthest(verdicts)}{NOTE_ON_THEORY}",
         fold="more studies",
     )
-
-
-def _headline(judged: GateResult, *, whole: bool) -> str:
-    answers, far = judged.counts, len(judged.outside)
-    more = f"; {far:,} more outside theory's range" if far else ""
-    more += f"; {judged.wide:,} too wide to count" if judged.wide else ""
-    if not answers:
-        return f"Nothing was judged{more}"
-    failed, unclear = answers["fail"], answers["inconclusive"]
-    if not failed and not unclear:
-        all_of = "All" if whole else "As far as measured, all"
-        return f"{all_of} {answers.total():,} checks agree{more}"
-    times = [v.more for v in judged.verdicts if v.more == v.more]
-    short = f"{rounded_up(max(times))} times as many trials" if times else ""
-    parts = [f"{failed:,} fail"] if failed else []
-    if len(times) == unclear and unclear:
-        parts.append(f"{unclear:,} need up to {short}")
-    elif unclear:
-        parts.append(f"{unclear:,} cannot be judged")
-    return f"Of {answers.total():,} checks {' and '.join(parts)}{more}"
 
 
 def _missing(context: Context) -> list[Line]:

@@ -178,6 +178,13 @@ class FilterEffect(NamedTuple):
 
     rms: Float[Array, " m"]  # of the attitude's error per axis, rad, by motion
     nees: Float[Array, "m p"]  # by motion and part of its time; 3 where all is true
+    # error over what is stated, about the axes where that is least and greatest
+    axes: Float[Array, "m 2"]
+
+    @property
+    def overstated(self) -> float:
+        """Times of its error that it states about the axis where that is most."""
+        return float(1.0 / self.axes[:, 0].min())
 
     @property
     def worst(self) -> float:
@@ -186,7 +193,8 @@ class FilterEffect(NamedTuple):
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values."""
-        return {"rms": self.worst, "nees": self.nees.tolist()}
+        axes = [self.axes[:, 0].min(), self.axes[:, 1].max()]
+        return {"rms": self.worst, "nees": self.nees.tolist(), "axes": axes}
 
     def excess(self, band: tuple[float, float]) -> Float[Array, " c"]:
         """Logarithms by which NEES is out of a band: none above 0 is honest."""
@@ -214,13 +222,17 @@ def effect(
     FilterEffect
         Error and NEES by motion.
     """
-    rms, nees = [], []
+    rms, nees, axes = [], [], []
     for case in cases:
         found = case.prediction(factors)
+        white = np.linalg.inv(np.linalg.cholesky(found.told[:, :3, :3]))
+        seen = white @ found.second_moment[:, :3, :3] @ white.swapaxes(1, 2)
+        squares = np.linalg.eigvalsh(seen)[:, [0, 2]]
+        axes.append(np.sqrt(squares.mean(axis=0)))
         rms.append(np.sqrt(np.mean(found.rms() ** 2)))
         own = np.array_split(found.nees(3), whole_number("parts", parts, 1, KEPT))
         nees.append([each.mean() for each in own])
-    return FilterEffect(np.array(rms), np.array(nees))
+    return FilterEffect(np.array(rms), np.array(nees), np.array(axes))
 
 
 def budget(cases: Sequence[FilterCase], factors: Factors) -> dict[str, float]:

@@ -512,7 +512,7 @@ def test_two_checkouts_compare_and_tell_of_no_folder(checkouts, simval, monkeypa
         assert (runs[0] / name).read_bytes() == (runs[1] / name).read_bytes()
     code, out, _ = simval("compare", *runs)
     assert code == 0
-    assert "0 of 2 common statistics changed" in out
+    assert "No change in 2 values" in out
     assert "only in" not in out
     folder, run = checkouts[1], runs[1]
     monkeypatch.chdir(folder)

@@ -89,3 +89,16 @@ def test_where_no_setting_is_right(advised):
     assert "--band" in give.do
     text = " ".join("\n".join(lines(found.account, verbose=True)).split())
     assert found.account.replies[0].headline in text
+
+
+def test_an_axis_that_is_stated_far_too_wide_is_said(advised):
+    """A NEES of 3 is a sum: of two axes that are stated too small, it hides one."""
+    case, found = advised
+    factors = {"N": 5e3, "accelerometer": 4e3, "magnetometer": 3.5}
+    wide = effect([case], factors)
+    assert wide.overstated > 20.0
+    shown = replace(found, settings=found.settings._replace(effect=wide))
+    give = shown.account.replies[0]
+    assert give.answer == "inconclusive"
+    assert give.headline.endswith("times about one axis.")
+    assert found.account.replies[0].answer == "pass"

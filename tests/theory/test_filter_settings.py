@@ -92,6 +92,7 @@ def test_the_truth_is_honest_where_there_is_no_error(short):
     assert found.honest
     assert found.factors == pytest.approx(dict.fromkeys(found.factors, 1.0), abs=0.02)
     assert found.effect.nees.mean() == pytest.approx(3.0, abs=0.05)
+    np.testing.assert_allclose(found.effect.axes, 1.0, atol=0.02)
 
 
 @pytest.mark.slow  # two searches in three variables, of which one finds nothing

@@ -123,8 +123,8 @@ class Stated(NamedTuple):
             return "Give {} less noise."
         if self.fits:
             return (
-                "Calibrate the log first (--calibration), or look at its field and the "
-                "truth's world: the innovations of {} fit, so more noise is no cure."
+                "The innovations of {} fit, so more noise is no cure: look at the "
+                "covariance it returns, the calibration (--calibration) and the field."
             )
         how = f" (--accelerometer-noise {self.motion:.2g})" if self.motion else ""
         return f"Give {{}} more noise{how}, or calibrate the log first (--calibration)."
