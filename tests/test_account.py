@@ -322,6 +322,13 @@ def evaluation(name, nees=None, *, rms=0.01, truth=True, nis=None, rows=None, **
 JUDGED = [
     (square("consistent", 3.0), "pass", "Yes: mine is as wrong as it states", ""),
     (square("overconfident", 75.0), "fail", "mine is 5 times as wrong", "more noise"),
+    # a mean of a few stretches, whose interval holds all
+    (
+        replace(square("consistent", 75.0), high=1e4),
+        "inconclusive",
+        "mine is 5 times as wrong as it states, but only in some stretches",
+        "more noise",
+    ),
     (square("underconfident", 0.03), "fail", "states 10 times its error", "less noise"),
     (square("not judged", 3.0), "inconclusive", "too few rows", "Record for longer"),
     (
@@ -383,6 +390,9 @@ def filters_said():
                     ("overconfident", "Give mine more noise")):  # fmt: skip
         each = evaluation("mine", square("overconfident", 9.0), nis=square(nis, 6.0))
         yield filters_account([each]), do
+    wide = replace(square("consistent", 800.0, 6.0), high=1e5)
+    each = evaluation("mine", square("overconfident", 9.0), nis=wide)
+    yield filters_account([each]), "Give mine more noise"
     clash = replace(square("not judged: rows", 3.0), blocks=24)
     rows = Made(remedy=Made(options=("--gyro-rows", "instant")))
     yield filters_account([evaluation("mine", clash, rows=rows)]), "--gyro-rows instant"

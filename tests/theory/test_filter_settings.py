@@ -21,6 +21,7 @@ from simval.theory import CalibrationError, RowError, filter_prediction
 from simval.theory.filter_settings import (
     BAND,
     FilterCase,
+    FilterEffect,
     budget,
     effect,
     honest_settings,
@@ -172,6 +173,12 @@ def test_a_sensor_without_noise_is_refused(short):
         honest_settings([short.scaled({"accelerometer": 1e-12})])
     with pytest.raises(InputError, match="`gyroscope_noise`"):
         short.scaled({"N": 1e-300})
+
+
+def test_a_band_is_above_for_each_motion_and_below_for_their_mean():
+    found = FilterEffect(np.ones(2), np.array([[2.0, 4.0], [1.0, 3.0]]))
+    high, low = np.log(np.array([2.0, 4.0, 1.0, 3.0]) / 3.3), np.log([1.0, 1.5 / 3.5])
+    np.testing.assert_allclose(found.excess((1.5, 3.3)), [*high, *low], atol=1e-15)
 
 
 @pytest.mark.parametrize("band", [(3.0, 2.0), (0.0, 3.0), (np.nan, 3.0)])

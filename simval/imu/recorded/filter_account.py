@@ -32,6 +32,8 @@ FREE: Final = (
     "row with truth. The bound (Cramér-Rao) is the least possible of six axes by the "
     "settings used, were the specific force gravity's alone."
 )
+LOOSE: Final = 2.0
+"""Times what is stated from which an interval that holds it is too wide to say so."""
 PUBLISHED: Final = "BROAD: Laidig, Caruso, Cereatti, Seel, Data 6(7), 2021"
 _NONE: Final[Mapping[str, str]] = MappingProxyType({})
 
@@ -71,10 +73,16 @@ class Stated(NamedTuple):
         return float(np.sqrt(self.square.mean / self.square.expected))
 
     @property
+    def loose(self) -> bool:
+        """Whether they agree only because a few stretches of the log make the mean."""
+        return self.square.verdict == "consistent" and self.times >= LOOSE
+
+    @property
     def holds(self) -> bool | None:
         """Whether both agree; None where the log does not show it."""
-        judged = self.square.verdict.startswith("not")
-        return None if judged else self.square.verdict == "consistent"
+        if self.loose or self.square.verdict.startswith("not"):
+            return None
+        return self.square.verdict == "consistent"
 
     @property
     def words(self) -> str:
@@ -82,7 +90,7 @@ class Stated(NamedTuple):
         name, times = self.name, self.times
         if self.square.verdict == "not judged: rows":
             return "the gyroscope's rows are not what they are taken as"
-        if self.holds is None:
+        if self.holds is None and not self.loose:
             if self.square.blocks:
                 return f"north is too uncertain to judge {name}"
             return f"too few rows have truth to judge {name}"
@@ -93,7 +101,8 @@ class Stated(NamedTuple):
         }[self.of]
         if self.holds or times >= 1.0:
             size = "" if self.holds else f"{rounded(times)} times "
-            return f"{before} {size}as {after}"
+            few = ", but only in some stretches of the log" if self.loose else ""
+            return f"{before} {size}as {after}{few}"
         own = {"error": "error", "drift": "drift of heading"}.get(self.of, self.of)
         return f"{name} states {rounded(1.0 / times)} times its {own}"
 
@@ -104,9 +113,9 @@ class Stated(NamedTuple):
             remedy = None if self.rows is None else self.rows.remedy
             options = "--gyro-rows, --gyro-delay"
             return f"State them: {' '.join(remedy.options) if remedy else options}."
-        if self.holds is None and self.square.blocks:
+        if self.holds is None and self.square.blocks and not self.loose:
             return "State the truth's world (--truth-world)."
-        if self.holds is None:
+        if self.holds is None and not self.loose:
             return "Record for longer."
         if self.holds:
             return ""
@@ -146,6 +155,8 @@ def stated(each: Any, *, innovations: bool = False) -> list[Stated]:
         squares["innovations"] = each.nis
     own, nis = each.run.name, each.nis
     fits = nis is not None and nis.verdict in ("consistent", "underconfident")
+    if fits and nis.mean >= LOOSE**2 * nis.expected:
+        fits = False
     return [
         Stated(own, of, square, each.run.motion, each.rows, fits)
         for of, square in squares.items()

@@ -1,6 +1,7 @@
 """Calibration files compared: chances by Monte Carlo, and what cannot be compared."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,6 +100,19 @@ def test_one_unknown_variance_is_hotellings_law():
     for found in (compared(a, exact), compared(exact, a)):
         want = stats.f.sf(found.chi_square / 9.0, 9, a.dof)
         assert found.p_value == pytest.approx(want, rel=1e-6)
+
+
+def test_what_is_known_has_no_degrees_of_freedom():
+    """Gravity beside a scatter of five: U by Welch and Satterthwaite, spelled out."""
+    (a,) = states(20, True, 1, np.random.default_rng(1))
+    known = np.array([0.0, 0.5, 3.0] * 3) * a.sd
+    both = replace(a, dof=5.0, gravity=known)
+    u = np.sqrt(a.sd**2 + known**2)
+    freedom = u**4 / (a.sd**4 / 5.0 + known**4 / np.inf)
+    np.testing.assert_allclose(both.sd, u, rtol=1e-12)
+    np.testing.assert_allclose(
+        both.expanded, stats.t.ppf(0.975, freedom) * u, rtol=1e-8
+    )
 
 
 def test_what_a_drift_does_to_a_reading():

@@ -4,12 +4,14 @@ import json
 import re
 from dataclasses import replace
 
+import click
 import made_logs as logs
 import numpy as np
 import pytest
 
 from simval.account.terminal import lines
 from simval.cli import run
+from simval.cli.calibrate import gravity_of
 from simval.imu.calibrate import load_calibration, local_gravity
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
@@ -52,6 +54,12 @@ def test_the_place_is_in_every_k_and_in_the_budget(scene, tmp_path, capsys):
     np.testing.assert_allclose(total, told["sd"], rtol=1e-12)
 
 
+def test_what_is_known_of_a_place_may_be_stated():
+    with click.Context(click.Command("calibrate")):
+        found = gravity_of(9.80665, 1e-5, 46.5, 800.0)
+    assert (found.g, found.std) == (local_gravity(46.5, 800.0).g, 1e-5)
+
+
 def test_a_record_is_seen_where_it_is_asked_for(scene):
     log = read_log(scene)
     found = calibrate_log(log, g=9.81, g_std=3e-3, predict=calibration_moments)
@@ -75,7 +83,13 @@ def test_a_record_is_seen_where_it_is_asked_for(scene):
     assert np.all(own.sd[3:6] > 3e-3 / 9.81 * np.abs(own.K))
     # those of K are 306 ppm and more
     assert "scale factor 310 ppm" in short
+    (table,) = (x for x in account.values if x.title == "uncertainty budget")
+    rows = {x.label: np.array([cell.value for cell in x.cells]) for x in table.lines}
+    # the noise is known: k of a normal law, of numbers with two digits
+    ratio = rows["expanded, U"] / rows["together, u"]
+    np.testing.assert_allclose(ratio, 1.96, rtol=0.1)
     parts = {each.name: each for each in sources(whole)}
+    assert "of the accelerometer alone" in parts["noise"].words
     assert np.all(parts["resolution"].sd <= parts["noise"].sd)
 
 
