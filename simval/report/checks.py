@@ -57,11 +57,6 @@ def disagreements_section(context: Context) -> Section | None:
     kinds = len(firsts)
     return made(
         drawings,
-        failing=len(failing),
-        reasons=[
-            (reproduce(v.cell, context.folder), v.row, v.reason)
-            for v in failing[:MAX_FIGURES]
-        ],
         kinds=kinds,
         shown=len(drawings),
     )

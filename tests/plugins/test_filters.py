@@ -29,7 +29,7 @@ from sound import (
 )
 
 from simval.check import check_function
-from simval.check.causes import sound, why
+from simval.judge.causes import sound, why
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import (
     attitude_error,
