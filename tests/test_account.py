@@ -379,6 +379,10 @@ def filters_said():
          "the innovations of mine are 3 times as large as it states"),
     ):  # fmt: skip
         yield filters_account([found]), words
+    for nis, do in (("consistent", "so more noise is no cure"),
+                    ("overconfident", "Give mine more noise")):  # fmt: skip
+        each = evaluation("mine", square("overconfident", 9.0), nis=square(nis, 6.0))
+        yield filters_account([each]), do
     clash = replace(square("not judged: rows", 3.0), blocks=24)
     rows = Made(remedy=Made(options=("--gyro-rows", "instant")))
     yield filters_account([evaluation("mine", clash, rows=rows)]), "--gyro-rows instant"

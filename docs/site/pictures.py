@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from docs.site.drawing import Drawing, Point
+from docs.site.house import house
 from docs.site.singular import singular
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, from_rotation_vector
@@ -191,6 +192,7 @@ PICTURES = {
     "readings": readings,
     "errors": errors,
     "singular": singular,
+    "house": house,
 }
 
 

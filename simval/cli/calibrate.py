@@ -118,6 +118,11 @@ def command(
         "times within them, s, with a point (74.0).",
         dict(metavar="RESTS"),
     ] = "",
+    drift: Annotated[
+        bool,
+        "Take a drift of the accelerometer's bias and scale over the log into the fit; "
+        "the parameters are those at its middle.",
+    ] = False,
     means: Annotated[
         bool,
         "Each row is the mean reading of a pose: LOG is a table of means, and has no "
@@ -213,6 +218,7 @@ def command(
             rest=rest,
             noise=known,
             leave_out=out_of,
+            drift=drift,
             predict=calibration_moments,
             **options,
         )
@@ -345,7 +351,9 @@ def without_rests(
         show(account, verbose=verbose)
 
 
-_OF_RESTS = ("rest", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to")
+_OF_RESTS = (
+    "rest", "drift", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to"
+)  # fmt: skip
 _OF_ROWS = (*_OF_RESTS, "leave_out", "hemisphere", "residual", "loss")
 
 

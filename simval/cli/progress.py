@@ -32,9 +32,9 @@ from rich.table import Column
 from rich.text import Text
 
 from simval.cli.interruption import heed
+from simval.spelling import counted
 from simval.studies.study import Cell, canonical
 from simval.sweep import runner
-from simval.sweep.cells import Ending, worse
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""
@@ -53,7 +53,7 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 class Quiet(runner.Progress):
     """A progress that says nothing, and stops a sweep whose Ctrl-C was dropped."""
 
-    def advance(self, name: str, ending: Ending) -> None:
+    def advance(self, name: str) -> None:
         """Say nothing."""
         heed()
 
@@ -71,7 +71,6 @@ class CellBar(runner.Progress):
 
     def __init__(self) -> None:
         self._done = self._total = 0
-        self._worst: Ending = "stored"
         self._left: TimeLeft | None = None
         self._label: Callable[[Cell], str] = lambda cell: cell.name
         self._lock = Lock()  # a thread draws the line while the cells are at work
@@ -83,9 +82,9 @@ class CellBar(runner.Progress):
     def __exit__(self, *error: object) -> None:
         self._line.close(self._words())
 
-    def start(self, total: int, done: int, worst: Ending) -> None:
+    def start(self, total: int, done: int) -> None:
         """Begin: `total` cells, `done` of them finished earlier."""
-        self._total, self._done, self._worst = total, done, worst
+        self._total, self._done = total, done
         if sys.stderr.isatty():
             self._line = Line(total, done, self._words)
 
@@ -97,11 +96,10 @@ class CellBar(runner.Progress):
                 self._left = TimeLeft(cells, workers, time.monotonic())
         self._line.show(self._done, self._words)
 
-    def advance(self, name: str, ending: Ending) -> None:
+    def advance(self, name: str) -> None:
         """Note that one more cell has ended."""
         with self._lock:
             self._done += 1
-            self._worst = worse(self._worst, ending)
             if self._left is not None:
                 self._left.end(name, time.monotonic())
         self._line.show(self._done, self._words)
@@ -114,14 +112,14 @@ class CellBar(runner.Progress):
     def _words(self) -> str:
         """Text behind the count of cells."""
         with self._lock:
-            words = [f"worst: {self._worst}"]
+            words = [f"{self._done} of {counted(self._total, 'cell')}"]
             if self._left is not None and self._done < self._total:
-                words.insert(0, f"{told(self._left.seconds(time.monotonic()))} left")
+                words.append(f"{told(self._left.seconds(time.monotonic()))} left")
                 cells = self._left.running()
                 names = [self._label(cell) for cell in cells[:SHOWN]]
                 more = f" and {len(cells) - SHOWN} more" if len(cells) > SHOWN else ""
                 words.append(f"at work: {'; '.join(names)}{more}")
-            return f"{self._done}/{self._total} cells, {', '.join(words)}"
+            return ", ".join(words)
 
 
 class Line:

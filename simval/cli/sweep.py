@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import time
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
@@ -32,6 +33,8 @@ GIVEN = ("out", "resume")
 """Options that a continued sweep has in any case."""
 SHOWN = 20
 """Failed cells named one by one; the others are counted."""
+JUDGED = 100_000
+"""Most rows of a run that is judged at once; `simval gate` judges the others."""
 
 
 @declared("sweep")
@@ -78,6 +81,12 @@ def command(
         "'command: PROGRAM {poses}'; may be repeated.",
         dict(name="--plugin", metavar="PLUGIN"),
     ] = (),
+    own: Annotated[
+        tuple[Path, ...],
+        "Add the study of a Python file, which the suite names as the file is called; "
+        "may be repeated.",
+        dict(name="--study", metavar="FILE"),
+    ] = (),
     resume: Annotated[bool, "Continue an interrupted run in the folder --out."] = False,
     dry_run: Annotated[
         bool, "List the cells with their estimated times, and stop."
@@ -92,6 +101,7 @@ def command(
     """
     from simval.cli.progress import CellBar, Quiet
     from simval.plugins.loading import beside_builtin, chosen, spelled
+    from simval.studies import bring
     from simval.sweep import load_suite
     from simval.sweep.identity import StrangerError
     from simval.sweep.runner import drive
@@ -110,11 +120,17 @@ def command(
             f"`--{name.replace('_', '-')}` is for the workers of a cluster; give its "
             "`--scheduler` too, or leave it out",
         )
+    refuse_if(
+        scheduler is not None and bool(own),
+        "`--study` is for the processes of this machine; for the workers of a cluster, "
+        "install the study there, as an entry point of the group simval.studies",
+    )
+    bring(own)
     added = spelled(beside_builtin(chosen(plugins)))
     loaded = load_suite(suite, (*added, *overrides), seed)
     if dry_run:
         return _plan(loaded, workers)
-    folder = out or _fresh(loaded)
+    folder, began = out or _fresh(loaded), time.monotonic()
     try:
         with nullcontext(Quiet()) if quiet else CellBar() as progress:
             drive(
@@ -131,37 +147,35 @@ def command(
         if (folder / "run.sqlite").exists():
             click.echo(f"to continue: {resuming(suite, folder)}", err=True)
         raise
-    code = _tell_failures(folder, len(loaded.cells))
+    code = _tell(folder, loaded, time.monotonic() - began, quiet=quiet)
     click.echo(str(folder))
     return code
 
 
-def _tell_failures(folder: Path, cells: int) -> int:
-    """Say which cells failed, and where the table is; give the exit code."""
-    from simval.sweep import store
+def _tell(folder: Path, suite: Suite, seconds: float, *, quiet: bool) -> int:
+    """Say what became of the cells and what to do next; give the exit code."""
+    from simval.cli.terminal import show
+    from simval.judge import judge_run
+    from simval.judge.result_lines import Failures, run_account
+    from simval.sweep import load_run, store
     from simval.sweep.cells import REFUSED
 
     with store.opened(folder / "run.sqlite") as database:
-        first = store.failures(database, SHOWN)
-        failed = store.count(database, "failed")
-        refused = store.count(database, "failed", REFUSED)
-    for name, error in first:
-        known = error.startswith(REFUSED)
-        last = error.strip().splitlines()[-1].removeprefix(REFUSED if known else "")
-        click.echo(f"{'refused' if known else 'failed'}: {name}: {last}", err=True)
-    if failed and failed == refused:
-        click.echo(
-            f"{failed} of {cells} cells were refused; the reasons are in "
-            f"{folder}/run.sqlite and in the report",
-            err=True,
+        failures = Failures(
+            first=store.failures(database, SHOWN),
+            failed=store.count(database, "failed"),
+            refused=store.count(database, "failed", REFUSED),
         )
-    elif failed:
-        click.echo(
-            f"{failed} of {cells} cells failed; the tracebacks are in "
-            f"{folder}/run.sqlite and in the report",
-            err=True,
+    few = sum(cell.parameters.cost().rows for cell in suite.cells) <= JUDGED
+    if not quiet or failures.failed:
+        judged = judge_run(load_run(folder)) if few and not quiet else None
+        account = run_account(
+            folder, suite.name, len(suite.cells), seconds, failures, judged
         )
-    return 4 if failed > refused else 3 if failed else 0
+        show(account, err=True)
+    if failures.failed > failures.refused:
+        return 4
+    return 3 if failures.failed else 0
 
 
 def resuming(suite: str, folder: Path) -> str:

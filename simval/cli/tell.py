@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from dataclasses import field as default
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -28,18 +27,12 @@ from simval.cli.options import (
 from simval.cli.outputs import Output
 from simval.cli.terminal import say, show
 from simval.errors import InputError
-from simval.vocabulary import SCENES, TARGETS
+from simval.vocabulary import SCENES, TARGETS, Model
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from simval.account import Fact
     from simval.arrays import Array
-    from simval.imu.filters.conversions import Given
     from simval.imu.logs import Log
-    from simval.imu.noise import AxisNoise
-    from simval.theory import CalibrationError, RowError
-    from simval.theory.filter_advice import FilterAdvice
     from simval.theory.filter_settings import FilterCase
 
 SENSORS = ("gyroscope", "accelerometer", "magnetometer")
@@ -51,6 +44,8 @@ EARTH = (9.80665, (2e-5, 0.0, -4e-5))
 """m/s^2 and T of a motion that has neither: the standard's, and the scenes' field."""
 STRONGEST = 1e-2
 """T: a field of a log that is stronger is in another unit, and of unknown strength."""
+NOTHING = 1e-3
+"""Of a size of which only a bound is known, at the low end of its interval."""
 
 
 @declared("tell")
@@ -158,45 +153,72 @@ def command(
 
     Exit code 0 found, 2 unreadable input, 3 no setting makes it right.
     """
+    import numpy as np
+
     from simval.account import Note
-    from simval.imu.filters.conversions import arguments, settings_file
+    from simval.imu.filters.conversions import Given, arguments, settings_file
+    from simval.imu.filters.signals import Told
     from simval.theory.filter_advice import filter_advice
 
-    sheet = Sheet(
-        {"N": angle_random_walk, "K": rate_random_walk,
-         "accelerometer": velocity_random_walk, "magnetometer": magnetometer_noise},
-        *(by_sensor(f"--{option}", words) for option, words in (
-            ("scale-error", scale_error), ("misalignment", misalignment),
-            ("bias-error", bias_error))),
-    )  # fmt: skip
+    errors = sheet_errors(scale_error, misalignment, bias_error)
     log = dict(columns=columns, instance=instance, start=start, stop=stop)
     courses = [
-        course_of(each, rate, calibration, log).part(MOST_ROWS // len(motion))
-        for each in motion
+        course_of(word, calibration, log).taken(rate or 100.0, MOST_ROWS // len(motion))
+        for word in motion
     ]
-    known = white_noise(noise, calibration, sheet, courses)
-    cases = [case_of(each, known, sheet, calibration, settle) for each in courses]
-    advice = filter_advice(cases, band=band, parts=parts, ends=known.ends)
-    facts = [*known.said, *(fact for each in courses for fact in each.said)]
-    given = given_of(advice, courses[0], known)
+    left = {} if calibration is None else calibrated(calibration, courses[0].strength)
+    white = {name: x for each in courses for name, x in each.white.items()}
+    ends: list[dict[str, float]] = []
+    facts = [fact for each in courses for fact in each.said]
+    if noise is not None:
+        more, ends, said = measured(noise, {name: M for name, (M, _) in left.items()})
+        white |= more
+        facts.append(said)
+    stated = {
+        "N": angle_random_walk, "K": rate_random_walk,
+        "accelerometer": velocity_random_walk, "magnetometer": magnetometer_noise,
+    }  # fmt: skip
+    white |= {name: x for name, x in stated.items() if x is not None}
+    refuse_if(
+        not (white.get("N") and white.get("accelerometer")),
+        "the noise of the sensors is not known; give `--noise FILE`, or "
+        "`--angle-random-walk` and `--velocity-random-walk`",
+    )
+    for sensor, (_, C) in left.items():
+        errors[sensor] = errors[sensor] + C
+    cases = [case_of(each, white, errors, settle) for each in courses]
+    ends = [{n: x for n, x in end.items() if stated.get(n) is None} for end in ends]
+    advice = filter_advice(
+        cases, band=band, parts=parts, ends=ends if any(ends) else ()
+    )
+    course = courses[0]
+    own = advice.given(advice.settings.factors)
+    start_sd = np.sqrt(np.diagonal(cases[0].truth.start))
+    told = Told(
+        gyroscope_noise=own["N"], gyroscope_walk=own["K"],
+        accelerometer_noise=own["accelerometer"],
+        magnetometer_noise=own.get("magnetometer", np.nan), gravity=course.gravity,
+        field=np.asarray(course.field), start_std=float(start_sd[:3].max()),
+        bias_std=float(start_sd[3]),
+    )  # fmt: skip
+    given = Given(told, course.rate)
     python = arguments(given)
+    rows = [f"{name}: {short(own)}" for name, own in python.items()]
     account = advice.account
     account = replace(
         account,
         source=", ".join(each.name for each in courses),
         facts=[*account.facts, *facts],
-        notes=[Note(words="As arguments of Python packages:", matrix="\n".join(
-            f"{name}: {key} = {plain(value)}"
-            for name, own in python.items() for key, value in own.items()))],
-    )  # fmt: skip
+        notes=[Note(words="As arguments of Python packages:", matrix="\n".join(rows))],
+    )
     notes = []
     for project, file in to:
-        text, said = settings_file(project, given)
+        text, remarks = settings_file(project, given)
         write(file, text)
-        notes += [f"{project:17s} {each}" for each in said]
+        notes += [f"{project:17s} {each}" for each in remarks]
     if as_json:
-        made = advice.as_object() | {"arguments": listed(python)}
-        click.echo(json.dumps(made | account.as_object(), allow_nan=False))
+        made = advice.as_object() | {"arguments": python} | account.as_object()
+        click.echo(json.dumps(made, allow_nan=False))
         say(notes, err=True)
     else:
         show(account, verbose=verbose)
@@ -204,24 +226,10 @@ def command(
     return 0 if advice.settings.honest else 3
 
 
-@dataclass(frozen=True)
-class Sheet:
-    """Numbers of a data sheet."""
-
-    white: dict[str, float | None]  # by N, K and vector sensor; per root hertz
-    scale: dict[str, float]  # by sensor
-    misalignment: dict[str, float]
-    bias: dict[str, float]
-
-    def error(self, sensor: str) -> Array | None:
-        """Covariance of a matrix row by row, and an offset; None where none is."""
-        import numpy as np
-
-        sd = np.full((3, 3), self.misalignment.get(sensor, 0.0))
-        np.fill_diagonal(sd, self.scale.get(sensor, 0.0))
-        offset = 0.0 if sensor == SENSORS[0] else self.bias.get(sensor, 0.0)
-        every = np.append(sd.ravel(), np.full(3, offset))
-        return np.diag(every**2) if every.any() else None
+def short(values: Any) -> str:
+    """JSON with six digits of each number."""
+    rounded = json.loads(json.dumps(values), parse_float=lambda x: f"{float(x):.6g}")
+    return json.dumps(rounded).replace('"', "")
 
 
 def by_sensor(option: str, words: Sequence[str]) -> dict[str, float]:
@@ -233,28 +241,81 @@ def by_sensor(option: str, words: Sequence[str]) -> dict[str, float]:
             value = float(number)
         except ValueError:
             value = -1.0
-        all_of = not name and option != "--bias-error"
-        if (name not in SENSORS and not all_of) or not 0.0 <= value < float("inf"):
-            msg = (
-                f"`{option}` is {word!r}; give a number of 0 or more with its sensor, "
-                f"as gyroscope=0.01; there are {', '.join(SENSORS)}"
-            )
-            raise InputError(msg)
-        found |= dict.fromkeys(SENSORS, value) if all_of else {name: value}
+        names = SENSORS if not name and option != "--bias-error" else (name,)
+        refuse_if(
+            not set(names) <= set(SENSORS) or not 0.0 <= value < float("inf"),
+            f"`{option}` is {word!r}; give a number of 0 or more with its sensor, "
+            f"as gyroscope=0.01; there are {', '.join(SENSORS)}",
+        )
+        found |= dict.fromkeys(names, value)
     return found
 
 
-@dataclass(frozen=True)
-class Course:
-    """A motion in rows of the filter, and what is known of its world."""
+def sheet_errors(
+    scale: Sequence[str], misalignment: Sequence[str], bias: Sequence[str]
+) -> dict[str, Array]:
+    """Covariance of each sensor's matrix, row by row, and offset."""
+    import numpy as np
+
+    scales = by_sensor("--scale-error", scale)
+    others = by_sensor("--misalignment", misalignment)
+    offsets = dict.fromkeys(SENSORS, 0.0) | {"gyroscope": BIAS_STD}
+    offsets |= by_sensor("--bias-error", bias)
+    found = {}
+    for name in SENSORS:
+        sd = np.full((3, 3), others.get(name, 0.0))
+        np.fill_diagonal(sd, scales.get(name, 0.0))
+        found[name] = np.diag(np.append(sd, np.full(3, offsets[name])) ** 2)
+    return found
+
+
+def calibrated(path: Path, strength: float) -> dict[str, tuple[Array, Array]]:
+    """Matrix of each sensor of a file, to SI units, and what it leaves in readings.
+
+    The latter as `sheet_errors`; the field has a strength, T.
+    """
+    import numpy as np
+
+    from simval.imu.calibrate.files import array, load_calibration, load_document
+    from simval.theory import calibration_error
+
+    fit = load_calibration(path)
+    refuse_if(
+        not np.isfinite(fit.covariance).all(),
+        f"{path} has no covariance, and what a calibration leaves is that; calibrate "
+        "again (simval calibrate LOG --out FILE), or state the errors (--scale-error)",
+    )
+    made: dict[str, tuple[Array, Array, Model | None]] = {
+        "accelerometer": (fit.matrix, fit.covariance, fit.model)
+    }
+    document = load_document(path)
+    for sensor, field in (("gyroscope", 1.0), ("magnetometer", strength)):
+        block = document.get(sensor)
+        if isinstance(block, dict) and "covariance" in block:
+            unit = field / block.get("field", 1.0)
+            size = len(block["covariance"])
+            C = array(block, "covariance", (size, size))[:12, :12]
+            scale = np.repeat([unit, 1.0], [9, 3])
+            M = unit * array(block, "M", (3, 3))
+            made[sensor] = M, C * np.outer(scale, scale), None
+    found: dict[str, tuple[Array, Array]] = {}
+    for sensor, (M, C, form) in made.items():
+        own = np.asarray(calibration_error(sensor, M, C, form=form).covariance)
+        # a gyroscope's bias is the filter's
+        found[sensor] = M, np.pad(own, (0, 12 - len(own)))
+    return found
+
+
+class Course(NamedTuple):
+    """A motion, and what is known of its world."""
 
     name: str
-    dt: Array
-    attitude: Array  # one more
-    gravity: float
-    field: Array
-    felt: Array | None  # specific force beside gravity's, body axes, m/s^2
-    white: dict[str, float] = default(default_factory=dict)  # measured in its rests
+    time: Array  # s, of each attitude
+    attitude: Array
+    white: dict[str, float]  # noise measured in its rests, as of `measured`
+    felt: Array | None = None  # specific force beside gravity's, m/s^2, after the first
+    gravity: float = EARTH[0]
+    field: Sequence[float] | Array = EARTH[1]
     said: tuple[Fact, ...] = ()
 
     @property
@@ -262,82 +323,60 @@ class Course:
         """Rows per second."""
         import numpy as np
 
-        return 1.0 / float(np.median(self.dt))
+        return 1.0 / float(np.median(np.diff(self.time)))
 
-    def every(self, k: int) -> Course:
-        """One row of so many."""
-        T = len(self.dt) // k
-        felt = None if self.felt is None else self.felt[k - 1 : T * k : k]
-        return replace(
-            self, dt=self.dt[: T * k].reshape(T, k).sum(axis=1),
-            attitude=self.attitude[: T * k + 1 : k], felt=felt,
-        )  # fmt: skip
+    @property
+    def strength(self) -> float:
+        """Length of the field."""
+        return float(sum(x**2 for x in self.field) ** 0.5)
 
-    def part(self, rows: int) -> Course:
-        """The part of so many rows that turns most."""
+    def taken(self, rate: float, most: int) -> Course:
+        """One row of several, for a rate, and of these the part that turns most."""
         import numpy as np
 
         from simval.account import Fact
         from simval.geometry import compose, conjugate, rotation_vector
 
-        q = self.attitude
-        if len(self.dt) <= rows:
-            return self
-        turns = np.linalg.norm(
+        k = max(1, round(self.rate / rate))
+        time, q = self.time[::k], self.attitude[::k]
+        felt = None if self.felt is None else self.felt[k - 1 :: k]
+        turn = np.linalg.norm(
             rotation_vector(compose(conjugate(q[:-1]), q[1:])), axis=1
         )
-        sums = np.append(0.0, np.cumsum(turns))
-        a = int(np.argmax(sums[rows:] - sums[:-rows]))
-        some = slice(a, a + rows)
-        time = np.append(0.0, np.cumsum(self.dt))
-        words = (
-            f"{self.name}: {time[a]:.4g} to {time[a + rows]:.4g} s, the {rows} rows "
-            "that turn most; fewer rows a second make it longer (--rate)"
-        )
-        return replace(
-            self, dt=self.dt[some], attitude=q[a : a + rows + 1],
-            felt=None if self.felt is None else self.felt[some],
-            said=(*self.said, Fact("part", words)),
+        sums, a, said = np.append(0.0, np.cumsum(turn)), 0, self.said
+        if len(turn) > most:
+            a = int(np.argmax(sums[most:] - sums[:-most]))
+            words = f"{self.name}: {time[a]:.4g} to {time[a + most]:.4g} s turn most"
+            said += (Fact("part", f"{words}; fewer rows a second make it longer"),)
+        return self._replace(
+            time=time[a : a + most + 1], attitude=q[a : a + most + 1], said=said,
+            felt=None if felt is None else felt[a : a + most],
         )  # fmt: skip
 
 
-def course_of(
-    word: str, rate: float | None, calibration: Path | None, how: dict[str, Any]
-) -> Course:
-    """A scene, a log, or a file of attitudes, at the rate of the filter."""
-    from simval.imu.logs import read_log
-
-    if word in SCENES:
-        found = of_scene(word)
-    elif "q" in str(how["columns"]):
-        found = of_attitudes(word, how["columns"])
-    else:
-        try:
-            log = read_log(Path(word), None, how["columns"], how["instance"],
-                           start=how["start"], stop=how["stop"])  # fmt: skip
-        except InputError as error:
-            try:
-                found = of_attitudes(word, None)
-            except InputError:
-                raise error from None
-        else:
-            found = of_log(log, calibration)
-    return found.every(max(1, round(found.rate / (rate or 100.0))))
-
-
-def of_scene(name: str) -> Course:
-    """Truth of a scene."""
-    import numpy as np
-
+def course_of(word: str, calibration: Path | None, how: dict[str, Any]) -> Course:
+    """A scene, a log, or a file of attitudes."""
     from simval.geometry import attitude_matrix
+    from simval.imu.logs import read_log
     from simval.scene import simulate_cached
 
-    run = simulate_cached(name)
-    up = attitude_matrix(run.attitude[1:])[..., 2] * run.g
-    return Course(
-        name=name, dt=np.diff(run.time), attitude=run.attitude, gravity=run.g,
-        field=np.asarray(run.magnetic), felt=run.specific_force[1:] - up,
-    )  # fmt: skip
+    if word in SCENES:
+        run = simulate_cached(word)
+        up = attitude_matrix(run.attitude)[..., 2] * run.g
+        felt = (run.specific_force - up)[1:]
+        return Course(word, run.time, run.attitude, {}, felt, run.g, run.magnetic)
+    columns = how["columns"]
+    if "q" in str(columns):
+        return of_attitudes(word, columns)
+    try:
+        log = read_log(Path(word), None, columns, how["instance"],
+                       start=how["start"], stop=how["stop"])  # fmt: skip
+    except InputError as error:
+        try:
+            return of_attitudes(word, None)
+        except InputError:
+            raise error from None
+    return of_log(log, calibration)
 
 
 def of_attitudes(path: str, columns: str | None) -> Course:
@@ -348,21 +387,16 @@ def of_attitudes(path: str, columns: str | None) -> Course:
     from simval.imu.logs import read_truth
 
     truth = read_truth(path, columns=columns)
-    there = np.isfinite(truth.components).all(axis=1)
     refuse_if(
         truth.scalar == "unstated",
         f"{path}: which component is the scalar is not stated; name the columns "
         "(--columns t,qx,qy,qz,qs)",
     )
-    q = truth.components[there]
-    q = np.roll(q, -1, axis=1) if truth.scalar == "first" else q
-    gravity, magnetic = EARTH
-    words = "attitudes alone, so no acceleration of the body counts"
-    return Course(
-        name=Path(path).name, dt=np.diff(truth.time[there]), attitude=q,
-        gravity=gravity, field=np.array(magnetic), felt=None,
-        said=(Fact("motion", f"{Path(path).name}: {words}"),),
-    )  # fmt: skip
+    there = np.isfinite(truth.components).all(axis=1)
+    q = np.roll(truth.components[there], -(truth.scalar == "first"), axis=1)
+    name = Path(path).name
+    said = Fact("motion", f"{name}: attitudes alone, without acceleration of the body")
+    return Course(name, truth.time[there], q, {}, said=(said,))
 
 
 def of_log(log: Log, calibration: Path | None) -> Course:
@@ -383,298 +417,128 @@ def of_log(log: Log, calibration: Path | None) -> Course:
     with refusing(log):
         found, _ = prepared(log, None, calibration, (None, None))
         begin = start_of(found)
-        told = begin.told
-        if begin.motion:
-            more = float(np.hypot(told.accelerometer_noise, begin.motion))
-            begin = start_of(found, accelerometer_noise=more)
-    given = filter_input(found, begin)
-    six = found.field is None
-    settings = {
-        name: getattr(begin.told, name)
-        for name in ("start_std", "bias_std", "gravity", "gyroscope_noise",
-                     "gyroscope_walk", "accelerometer_noise", "field",
-                     "magnetometer_noise")[: 6 if six else 8]
-    }  # fmt: skip
-    rows = (
-        each[0] for each in (given.gyroscope, given.accelerometer, given.magnetometer)
-    )
-    gyro, force, magnetic = rows
+        noise, motion = begin.told.accelerometer_noise, begin.motion
+        begin = start_of(found, accelerometer_noise=float(np.hypot(noise, motion)))
+    given, settings = filter_input(found, begin), asdict(begin.told)
+    gyro, force = given.gyroscope[0], given.accelerometer[0]
+    magnetic = given.magnetometer[0]
+    if found.field is None:
+        del settings["field"], settings["magnetometer_noise"]
+        magnetic = None
     ours = Mekf(start=begin.attitude, **settings)
-    q = ours.update_rows(given.dt, gyro, force, None if six else magnetic)["attitude"]
-    felt = None
-    name = Path(log.path).name
-    words = f"{name}: attitudes by simval:mekf"
-    if begin.motion:
-        felt = force - attitude_matrix(q)[..., 2] * told.gravity
-        words += f", and {begin.motion:.2g} m/s² of acceleration an axis"
-    root, size = float(np.sqrt(found.rate)), float(np.linalg.norm(told.field))
-    magnetic, unit = np.array(EARTH[1]), 1.0
-    if not six:
-        known = size < STRONGEST
-        unit = 1.0 if known else float(np.linalg.norm(magnetic)) / size
-        magnetic = unit * told.field
-        words += "" if known else f"; a field of {1e6 * unit * size:.0f} µT is taken"
-    white = {"N": told.gyroscope_noise, "K": told.gyroscope_walk,
-             "accelerometer": told.accelerometer_noise / root}  # fmt: skip
-    if not six:
-        white["magnetometer"] = unit * told.magnetometer_noise / root
-    return Course(
-        name=name, dt=given.dt, attitude=np.vstack([begin.attitude, q]),
-        gravity=told.gravity, felt=felt,
-        field=magnetic,
-        white=white, said=(Fact("motion", words),),
+    q = ours.update_rows(given.dt, gyro, force, magnetic)["attitude"]
+    name, root = Path(log.path).name, float(np.sqrt(found.rate))
+    words = f"{name}: attitudes by simval:mekf, {motion:.2g} m/s² of acceleration"
+    course = Course(
+        name,
+        np.append(0.0, np.cumsum(given.dt)),
+        np.vstack([begin.attitude, q]),
+        {"N": begin.told.gyroscope_noise, "K": begin.told.gyroscope_walk,
+         "accelerometer": noise / root},
+        force - attitude_matrix(q)[..., 2] * begin.told.gravity if motion else None,
+        begin.told.gravity,
     )  # fmt: skip
+    if magnetic is not None:
+        size = float(np.linalg.norm(begin.told.field))
+        unit = 1.0 if size < STRONGEST else course.strength / size
+        words += f"; the field is taken for {1e6 * unit * size:.0f} µT" * (unit != 1.0)
+        course.white["magnetometer"] = unit * begin.told.magnetometer_noise / root
+        course = course._replace(field=unit * begin.told.field)
+    return course._replace(said=(Fact("motion", words),))
 
 
-class White(NamedTuple):
-    """White noise by N, K and vector sensor, SI per root hertz."""
+def measured(
+    path: Path, matrices: dict[str, Array]
+) -> tuple[dict[str, float], list[dict[str, float]], Fact]:
+    """Noise of a file per root hertz, SI, the largest of the axes.
 
-    size: dict[str, float]
-    ends: list[dict[str, float]]  # of the intervals, over these
-    walk: float | None = None  # of the accelerometer's bias
-    said: tuple[Fact, ...] = ()
-
-
-def white_noise(
-    path: Path | None,
-    calibration: Path | None,
-    sheet: Sheet,
-    courses: Sequence[Course],
-) -> White:
-    """Noise of a data sheet before that of a file, and that before a log's rests."""
-    found = White({}, [])
-    if path is not None:
-        found = measured(path, units_of_file(calibration, courses[0]))
-    stated = {name: value for name, value in sheet.white.items() if value is not None}
-    size = {name: x for each in courses for name, x in each.white.items()}
-    size |= found.size | stated
-    if not (size.get("N") and size.get("accelerometer")):
-        msg = (
-            "the noise of the sensors is not known; give `--noise FILE`, or "
-            "`--angle-random-walk` and `--velocity-random-walk`"
-        )
-        raise InputError(msg)
-    ends = [
-        {name: end for name, end in each.items() if name not in stated}
-        for each in found.ends
-    ]
-    return found._replace(size=size, ends=[each for each in ends if each])
-
-
-def measured(path: Path, units: dict[str, float]) -> White:
-    """Noise of a file, the largest of the axes; by units of a calibration first."""
+    By N, K and vector sensor, with the ends of the intervals over it, and a remark; its
+    unit is that of a calibration's matrices, else its own.
+    """
     import numpy as np
 
     from simval.account import Fact
     from simval.imu.noise import load_noise
+    from simval.imu.noise.model import largest
 
     noise = load_noise(path)
-    axes = {
-        "N": (noise.gyro, noise.gyro_si_per_raw),
-        "K": (noise.gyro, noise.gyro_si_per_raw),
+    sensors = {
+        "gyroscope": (noise.gyro, noise.gyro_si_per_raw),
         "accelerometer": (noise.accelerometer, noise.si_per_raw),
         "magnetometer": (noise.magnetometer, noise.magnetometer_si_per_raw),
     }
     size: dict[str, float] = {}
     ends: list[dict[str, float]] = [{}, {}]
-    for name, (own, stated) in axes.items():
-        sensor = "gyroscope" if name in ("N", "K") else name
-        si = units.get(sensor, stated)
-        if not own:
-            continue
-        if si is None:
-            msg = (
-                f"{path}: the unit of the {sensor} is not known; write it by `simval "
-                "noise LOG --json` with the unit (see its help), or give the "
-                "calibration"
-            )
-            raise InputError(msg)
-        value, *limits = largest_of(own, "K" if name == "K" else "N")
-        if name == "K" and value == limits[1]:  # a bound, of a walk that is not seen
-            value = unseen_walk(own)
-        size[name] = value * si
-        for end, limit in zip(ends, limits, strict=True):
-            if value > 0.0 and np.isfinite(limit):
-                end[name] = max(limit / value, NOTHING)
-    walk, low, _ = largest_of(noise.accelerometer, "K")
-    si = units.get("accelerometer", noise.si_per_raw)
     words = f"measured, {path.name}; the largest of the axes"
-    if "K" in size and ends[0].get("K") == NOTHING:
-        words += "; the walk is not seen: what doubles the variance of the rest's mean"
-    seen = walk * si if si is not None and low > 0.0 else None
-    return White(size, ends, seen, (Fact("noise", words),))
-
-
-NOTHING = 1e-3
-"""Of a size of which only a bound is known, at the low end of its interval."""
-
-
-def unseen_walk(axes: Sequence[AxisNoise]) -> float:
-    """K whose variance of the mean over the rest is that of N: K^2 T/3 = N^2/T."""
-    N, seconds = (
-        largest_of(axes, "N")[0],
-        min(each.rows / each.rate_hz for each in axes),
-    )
-    return float(3.0**0.5 * N / seconds)
-
-
-def largest_of(axes: Sequence[AxisNoise], kind: str) -> tuple[float, float, float]:
-    """The largest coefficient of the axes and its interval; a bound where none is."""
-    found = [c for axis in axes for c in axis.given if c.kind == kind]
-    seen = [(c.value, c.low, c.high) for c in found if c.value is not None]
-    bounds = [(c.high, 0.0, c.high) for c in found if c.value is None]
-    finite = [each for each in seen or bounds if each[0] < float("inf")]
-    return max(finite, default=(0.0, 0.0, 0.0))
-
-
-def units_of_file(calibration: Path | None, course: Course) -> dict[str, float]:
-    """SI units in a raw one, by a calibration; of a magnetometer in this field."""
-    import numpy as np
-
-    from simval.imu.calibrate.files import load_calibration, load_document, load_others
-
-    if calibration is None:
-        return {}
-    gyroscope, magnetometer = load_others(calibration)
-    found = {"accelerometer": load_calibration(calibration).matrix}
-    if gyroscope is not None:
-        found["gyroscope"] = gyroscope.M
-    if magnetometer is not None:
-        field = float(load_document(calibration)["magnetometer"].get("field", 1.0))
-        found["magnetometer"] = magnetometer.M * np.linalg.norm(course.field) / field
-    return {name: float(np.cbrt(np.linalg.det(M))) for name, M in found.items()}
+    for sensor, (axes, unit) in sensors.items():
+        if axes and sensor in matrices:
+            unit = float(np.cbrt(np.linalg.det(matrices[sensor])))
+        refuse_if(
+            bool(axes) and unit is None,
+            f"{path}: the unit of the {sensor} is not known; write it by `simval noise "
+            "LOG --json` with the unit (see its help), or give the calibration",
+        )
+        for kind in ("N", "K") if axes and sensor == "gyroscope" else "N" * bool(axes):
+            name = kind if sensor == "gyroscope" else sensor
+            most = largest(axes, kind, np.full(3, unit))
+            value, low, high = most.value, most.low, most.high
+            refuse_if(
+                value is None and kind == "N",
+                f"{path} shows no white noise of the {sensor}; state it by an option",
+            )
+            if value is None:  # K whose variance of the rest's mean is that of N
+                seconds = min(axis.rows / axis.rate_hz for axis in axes)
+                value = 3.0**0.5 * size.get("N", 0.0) / seconds
+                low, high = NOTHING * value, most.bound or value
+                words += f"; {kind} is not seen: what doubles the variance of the mean"
+            size[name] = value
+            for end, limit in zip(ends, (low, high), strict=True):
+                if value > 0.0 and 0.0 < limit < np.inf:
+                    end[name] = limit / value
+    return size, ends, Fact("noise", words)
 
 
 def case_of(
-    course: Course,
-    known: White,
-    sheet: Sheet,
-    calibration: Path | None,
-    settle: float,
+    course: Course, white: dict[str, float], errors: dict[str, Array], settle: float
 ) -> FilterCase:
     """A motion with its sensors and their errors."""
     import numpy as np
 
     from simval.geometry import attitude_matrix
-    from simval.theory import FilterModel, FilterPath, RowError, VectorSensor
+    from simval.theory import (
+        CalibrationError,
+        FilterModel,
+        FilterPath,
+        RowError,
+        VectorSensor,
+    )
     from simval.theory.filter_settings import FilterCase
 
     vectors = {"accelerometer": np.array([0.0, 0.0, course.gravity])}
-    if known.size.get("magnetometer"):
+    if white.get("magnetometer"):
         vectors["magnetometer"] = np.asarray(course.field)
     root = np.sqrt(course.rate)
     sensors = tuple(
-        VectorSensor(name=name, reference=vector, std=known.size[name] * root)
+        VectorSensor(name=name, reference=vector, std=white[name] * root)
         for name, vector in vectors.items()
     )
-    turn = START_STD**2 * np.eye(3)
+    start = np.diag(
+        np.append(np.full(3, START_STD**2), np.diagonal(errors["gyroscope"])[9:])
+    )
     if len(sensors) == 1:  # a heading is counted from that of the start
         up = attitude_matrix(course.attitude[0])[:, 2]
-        turn -= START_STD**2 * np.outer(up, up)
-    start = np.zeros((6, 6))
-    start[:3, :3] = turn
-    start[3:, 3:] = sheet.bias.get("gyroscope", BIAS_STD) ** 2 * np.eye(3)
-    errors: list[CalibrationError | RowError] = [
-        *errors_of(calibration, sheet, vectors)
-    ]
-    if course.felt is not None and np.abs(course.felt).max() > 0.0:
-        errors.append(RowError(of="accelerometer", rows=course.felt))
+        start[:3, :3] -= START_STD**2 * np.outer(up, up)
+    left: list[CalibrationError | RowError] = []
+    for name in ("gyroscope", *vectors):
+        C = errors[name][:9, :9] if name == "gyroscope" else errors[name]
+        left += [CalibrationError(of=name, covariance=C)] * bool(C.any())
+    if course.felt is not None and course.felt.any():
+        left.append(RowError(of="accelerometer", rows=course.felt))
     return FilterCase(
-        path=FilterPath(dt=course.dt, attitude=course.attitude),
+        path=FilterPath(dt=np.diff(course.time), attitude=course.attitude),
         truth=FilterModel(
-            gyroscope_noise=known.size["N"], gyroscope_walk=known.size.get("K", 0.0),
+            gyroscope_noise=white["N"], gyroscope_walk=white.get("K", 0.0),
             sensors=sensors, start=start,
         ),
-        errors=tuple(errors), settle=settle,
+        errors=tuple(left), settle=settle,
     )  # fmt: skip
-
-
-def errors_of(
-    calibration: Path | None, sheet: Sheet, vectors: dict[str, np.ndarray]
-) -> list[CalibrationError]:
-    """What a calibration leaves, and a data sheet adds, sensor by sensor."""
-    import numpy as np
-
-    from simval.imu.calibrate.files import array, load_calibration, load_document
-    from simval.theory import CalibrationError, calibration_error
-
-    found: dict[str, Array] = {}
-    if calibration is not None:
-        fit = load_calibration(calibration)
-        refuse_if(
-            not np.isfinite(fit.covariance).all(),
-            f"{calibration} has no covariance, and what a calibration leaves is that; "
-            "calibrate again (simval calibrate LOG --out FILE), or state the errors "
-            "(--scale-error)",
-        )
-        made = calibration_error(
-            "accelerometer", fit.matrix, fit.covariance, form=fit.model
-        )
-        found["accelerometer"] = np.asarray(made.covariance)
-        document = load_document(calibration)
-        for sensor in SENSORS[0], SENSORS[2]:
-            block = document.get(sensor)
-            if not isinstance(block, dict) or "covariance" not in block:
-                continue
-            size = len(block["covariance"])
-            C = array(block, "covariance", (size, size))[:12, :12]
-            if sensor == SENSORS[0]:
-                C = C[:9, :9]
-            made = calibration_error(sensor, array(block, "M", (3, 3)), C)
-            own = np.asarray(made.covariance)
-            if sensor in vectors:  # an offset in the unit of the calibration's field
-                field = float(array(block, "field", ()))
-                unit = np.linalg.norm(vectors[sensor]) / field
-                scale = np.append(np.ones(9), np.full(3, unit))
-                own = own * np.outer(scale, scale)
-            found[sensor] = own
-    for sensor in (SENSORS[0], *vectors):
-        more = sheet.error(sensor)
-        if more is not None:
-            more = more[:9, :9] if sensor == SENSORS[0] else more
-            found[sensor] = found.get(sensor, 0.0) + more
-    return [
-        CalibrationError(of=sensor, covariance=C)
-        for sensor, C in found.items()
-        if sensor == SENSORS[0] or sensor in vectors
-    ]
-
-
-def given_of(advice: FilterAdvice, course: Course, known: White) -> Given:
-    """The settings as they are converted."""
-    import numpy as np
-
-    from simval.imu.filters.conversions import Given
-    from simval.imu.filters.signals import Told
-
-    own = advice.given
-    sd = np.sqrt(np.diagonal(advice.cases[0].truth.start))
-    told = Told(
-        gyroscope_noise=own["N"], gyroscope_walk=own["K"],
-        accelerometer_noise=own["accelerometer"],
-        magnetometer_noise=own.get("magnetometer", float("nan")),
-        gravity=course.gravity, field=np.asarray(course.field),
-        start_std=float(sd[:3].max()), bias_std=float(sd[3]),
-    )  # fmt: skip
-    return Given(told, course.rate, known.walk)
-
-
-def listed(values: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Arrays as lists."""
-    import numpy as np
-
-    return {
-        name: {key: np.asarray(value).tolist() for key, value in own.items()}
-        for name, own in values.items()
-    }
-
-
-def plain(value: Any) -> str:
-    """A number, numbers, or the diagonal of a matrix."""
-    import numpy as np
-
-    if np.ndim(value) == 2:
-        return f"diag({plain(np.diagonal(value))})"
-    if np.ndim(value):
-        return f"[{', '.join(f'{x:.6g}' for x in value)}]"
-    return f"{value:.6g}"

@@ -86,16 +86,17 @@ def say(lines: Iterable[str], *, err: bool = False) -> None:
         click.echo("\n".join(folded(line, width)) if width else line, err=err)
 
 
-def show(account: Account, *, verbose: bool = False) -> None:
+def show(account: Account, *, verbose: bool = False, err: bool = False) -> None:
     """Print an account, in colour where the terminal has some."""
-    width = _width(sys.stdout) or WIDTH
+    stream = sys.stderr if err else sys.stdout
+    width = _width(stream) or WIDTH
     colour = not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-    style = styled if colour and sys.stdout.isatty() else plain
-    spell = partial(encodable, stream=sys.stdout)
+    style = styled if colour and stream.isatty() else plain
+    spell = partial(encodable, stream=stream)
     for line in lines_of(
         account, verbose=verbose, width=width, style=style, spell=spell
     ):
-        click.echo(spell(line))
+        click.echo(spell(line), err=err)
 
 
 def styled(words: str, what: str) -> str:

@@ -1,7 +1,10 @@
 """Answers of gate, comparisons and trends as accounts; the gate's failures as text."""
 
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
 from simval.judge import (
@@ -16,11 +19,18 @@ from simval.judge import (
     headline,
 )
 from simval.judge.algorithms import ACCURACY, FAILING, HONESTY
-from simval.judge.findings import Finding, Group, details, groups, rounded_up
+from simval.judge.findings import (
+    Finding,
+    Group,
+    details,
+    groups,
+    rounded_up,
+)
 from simval.judge.runs import Origin, origin_of, shared_words
 from simval.judge.steps import Standing, short_names
 from simval.judge.trend import WAYS, ordered_by
-from simval.spelling import counted, measured, rounded, whole
+from simval.spelling import counted, duration, measured, rounded, whole
+from simval.sweep.cells import REFUSED
 from simval.sweep.run import Run
 from simval.text import number, one_line
 
@@ -120,6 +130,78 @@ def _indented(lines: Sequence[str]) -> Iterator[str]:
     first, *rest = lines
     yield first
     yield from (f"    {line}" for line in rest)
+
+
+class Failures(NamedTuple):
+    """Cells of a run that have no result."""
+
+    first: Sequence[tuple[str, str]]  # the name of a cell, and why
+    failed: int  # crashed or refused
+    refused: int
+
+
+def run_account(
+    folder: Path,
+    suite: str,
+    cells: int,
+    seconds: float,
+    failures: Failures,
+    judged: GateResult | None,
+) -> Account:
+    """State what became of a run's cells, whether they agree with theory, what next."""
+    place = shlex.quote(str(folder))
+    crashed = failures.failed - failures.refused
+    of, took = f"of suite {suite}", duration(seconds)
+    said = f"Yes: all {counted(cells, 'cell')} {of}, in {took}."
+    if cells == 1:
+        how = "crashed" if crashed else "was refused" if failures.failed else "is done"
+        said = f"{'No' if failures.failed else 'Yes'}: the only cell {how}, in {took}."
+    elif failures.failed:
+        were = "was" if failures.refused == 1 else "were"
+        parts = [f"{whole(crashed)} crashed"] * bool(crashed)
+        parts += [f"{whole(failures.refused)} {were} refused"] * bool(failures.refused)
+        said = f"No: of {whole(cells)} cells {of} {' and '.join(parts)}, in {took}."
+    do = f"`simval repro --run {place} CELL` computes one again." * bool(
+        failures.failed
+    )
+    next_one = (
+        f"`simval gate {place}` compares it with the baseline, `simval report {place}` "
+        "writes its page."
+    )
+    replies = [
+        Reply(
+            title="Were all cells computed?",
+            headline=said,
+            answer="fail" if crashed else "inconclusive" if failures.failed else "pass",
+            do=do
+            if judged is not None and judged.verdicts
+            else f"{do} {next_one}".strip(),
+        )
+    ]
+    if judged is not None and judged.verdicts:
+        whole_of = replace(judged, unfinished=())
+        replies.append(
+            Reply(
+                title="Do the results agree with theory?",
+                headline=headline(whole_of),
+                answer=whole_of.answer,
+                do=next_one,
+            )
+        )
+    facts = []
+    for name, error in failures.first:
+        refused = error.startswith(REFUSED)
+        last = error.strip().splitlines()[-1].removeprefix(REFUSED if refused else "")
+        label = "refused" if refused else "crashed"
+        facts.append(Fact(label, one_line(f"{name}: {last}"), notable=True))
+    hidden = failures.failed - len(failures.first)
+    if hidden:
+        more = f"{counted(hidden, 'more cell')}: all are in the report"
+        facts.append(Fact("...", more, notable=True))
+    return Account(
+        title="Run", source=folder.name, replies=replies,
+        values=[Values(title="What failed", facts=facts)] if facts else [],
+    )  # fmt: skip
 
 
 SHOWN = 8

@@ -90,6 +90,8 @@ Z95 = float(scipy.special.ndtri(0.975))  # of a two-sided interval of 95 %
 STEEPEST = 12.0
 """Slopes are sought between plus and minus this: twice the greatest order
 of a formula."""
+FINEST = 5e-4
+"""Half of an interval of a slope that is said."""
 _GRIDS = 7  # the last has a step of 2e-11
 
 
@@ -101,8 +103,9 @@ class Slope:
     half_width: float  # half of the 95 % interval
 
     def __str__(self) -> str:
-        """Slope and interval in words."""
-        return f"{self.value:.3f} ± {self.half_width:.3f}"
+        """Slope and interval in words; what no figure shows is left out."""
+        seen = self.half_width >= FINEST
+        return measured(self.value, self.half_width) if seen else f"{self.value:.3f}"
 
 
 def fitted_slope(

@@ -89,7 +89,7 @@ class LogPage:
 def tables_of(values: Values) -> Iterator[Table]:
     """The values as every face has them, and behind a fold every digit of them.
 
-    Those that are shown on request are behind a fold themselves, with their facts.
+    Those that a terminal shows on request have their facts as a column, or a fold.
     """
     if not values.lines:
         return
@@ -110,7 +110,7 @@ def tables_of(values: Values) -> Iterator[Table]:
              *[said.get(line.label, "")] * bool(said))
             for line in values.lines
         ],
-        fold=caption if values.folded else "",
+        fold=caption if values.folded and not said else "",
     )  # fmt: skip
     if values.folded:
         return

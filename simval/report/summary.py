@@ -25,6 +25,7 @@ from simval.change import EFFORT
 from simval.figures import Figure, Headline, Quote
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.gate import outcome
+from simval.judge.result_lines import gate_account
 from simval.judge.runs import origin_of
 from simval.report.algorithms import has_user_code, lines_of_algorithms
 from simval.report.answers import (
@@ -424,6 +425,7 @@ def summary_section(context: Context) -> Section | None:
         notes=[
             f"{begun(outcome(judged) if due else rest)}." if due or rest else "",
             context.part.said if context.part else "",
+            gate_account(judged).replies[0].do,
         ],
         reason=due,
         numbers=numbers,

@@ -32,41 +32,77 @@ To add a study, write the module and put its name into `simval.vocabulary.STUDIE
 suites, the command line, the gate and the report take it from there. A module is
 imported when its study is asked for: the child process of a plug-in needs no other. A
 study never plots, prints or judges.
+
+A user's own is such a module outside the package: a file that `bring` adds under its
+name, as `simval sweep --study FILE` does, or an entry point of the group
+``simval.studies``. Files stand in the environment, so that each process that is started
+from here has them, too.
 """
 
-from collections.abc import Iterator, Mapping
+import os
+import sys
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
-from importlib import import_module
+from importlib import import_module, metadata
+from pathlib import Path
 
 from simval import vocabulary
 from simval.errors import InputError
 from simval.studies.study import Study, StudyParameters, study_of
 from simval.text import did_you_mean
 
-__all__ = ["STUDIES", "Study", "StudyParameters", "find_study"]
+__all__ = ["STUDIES", "Study", "StudyParameters", "bring", "brought", "find_study"]
+
+GROUP = "simval.studies"
+FILES = "SIMVAL_STUDIES"
+"""Variable of the environment with the files of a user's studies."""
+
+
+def brought() -> dict[str, Path]:
+    """Files of a user's studies, by the names of these."""
+    listed = os.environ.get(FILES, "").split(os.pathsep)
+    return {Path(each).stem: Path(each) for each in listed if each}
+
+
+def _reach(folders: Iterable[Path]) -> None:
+    # modules of the package come first, and what a study imports from its own folder
+    for folder in map(str, folders):
+        for path in (__path__, sys.path):
+            if folder not in path:
+                path.append(folder)
+
+
+_reach(file.parent for file in brought().values())
+
+
+@cache
+def _installed() -> dict[str, metadata.EntryPoint]:
+    return {point.name: point for point in metadata.entry_points(group=GROUP)}
 
 
 @cache
 def _study(name: str) -> Study:
-    return study_of(import_module(f"simval.studies.{name}"))
+    if name in vocabulary.STUDIES or name in brought():
+        return study_of(name, import_module(f"simval.studies.{name}"))
+    return study_of(name, _installed()[name].load())
 
 
 class _Studies(Mapping[str, Study]):
     """The studies by their names."""
 
     def __getitem__(self, name: str) -> Study:
-        if name not in vocabulary.STUDIES:
+        if name not in self:
             raise KeyError(name)
         return _study(name)
 
     def __contains__(self, name: object) -> bool:
-        return name in vocabulary.STUDIES
+        return name in vocabulary.STUDIES or name in brought() or name in _installed()
 
     def __iter__(self) -> Iterator[str]:
-        return iter(vocabulary.STUDIES)
+        return iter(dict.fromkeys((*vocabulary.STUDIES, *brought(), *_installed())))
 
     def __len__(self) -> int:
-        return len(vocabulary.STUDIES)
+        return sum(1 for _ in self)
 
 
 STUDIES: Mapping[str, Study] = _Studies()
@@ -95,3 +131,37 @@ def find_study(name: str) -> Study:
         msg = f"there is no study `{name}`{near}; the studies are {', '.join(STUDIES)}"
         raise InputError(msg)
     return STUDIES[name]
+
+
+def bring(files: Iterable[str | Path]) -> None:
+    """Add studies of a user's files, here and in each process started from here.
+
+    Parameters
+    ----------
+    files : iterable of str or Path
+        Modules as `simval.studies` describes them; a study has its file's name.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or imported, its name is taken or is no name of a
+        module, or it lacks one of the names that a study has.
+    """
+    for file in map(Path, files):
+        name, own = file.stem, Path(__file__).parent
+        if not (file.suffix == ".py" and file.is_file()):
+            msg = f"study {file} is no Python file; give the path of its module"
+            raise InputError(msg)
+        if not name.isidentifier() or (own / file.name).exists():
+            why = "a module of simval" if name.isidentifier() else "no name of a module"
+            msg = f"study {file}: `{name}` is the name of {why}; rename the file"
+            raise InputError(msg.replace("the name of no", "no"))
+        known = brought() | {name: file.absolute()}
+        os.environ[FILES] = os.pathsep.join(map(str, known.values()))
+        _reach([file.absolute().parent])
+        try:
+            _study(name)
+        except Exception as error:  # whatever a user's file may raise
+            os.environ[FILES] = os.pathsep.join(map(str, list(known.values())[:-1]))
+            msg = f"study {file} cannot be used: {type(error).__name__}: {error}"
+            raise InputError(msg) from error

@@ -15,8 +15,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
-from simval.arguments import MOST
-from simval.errors import PluginError, RefusedError, SimulationError, UnmeasurableError
+from simval.arguments import MOST, instance
+from simval.errors import (
+    InputError,
+    PluginError,
+    RefusedError,
+    SimulationError,
+    UnmeasurableError,
+)
 from simval.figures import Headline, Shown
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
@@ -127,14 +133,18 @@ class Study:
     headline: Headline | None = None
 
 
-def study_of(module: Any) -> Study:
+def study_of(name: str, module: Any) -> Study:
     """Study of a module with the names that `simval.studies` asks for."""
+    parameters = instance("Parameters", module.Parameters, type)
+    if not issubclass(parameters, StudyParameters):
+        msg = "`Parameters` must be a subclass of simval.studies.study.StudyParameters"
+        raise InputError(msg)
     return Study(
-        name=module.__name__.rpartition(".")[2],
-        title=module.TITLE,
-        parameters=module.Parameters,
+        name=name,
+        title=instance("TITLE", module.TITLE, str),
+        parameters=parameters,
         run=module.run,
-        section=module.SECTION,
+        section=getattr(module, "SECTION", None),
         shown=getattr(module, "FIGURES", ()),
         about=getattr(module, "ABOUT", ""),
         headline=getattr(module, "HEADLINE", None),

@@ -31,7 +31,7 @@ from simval.arrays import Array
 from simval.consistency import normalised_squares
 from simval.errors import RefusedError
 from simval.geometry import normalize
-from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.thermal import Term
 from simval.imu.logs import Log
 from simval.imu.multiposition import LogCalibration, calibrate_log, calibrate_sensors
 from simval.imu.multiposition.noise import log_noise
@@ -235,7 +235,7 @@ class Judged:
             if sd.all():
                 self.add("force", row, np.diag(sd**2), KNOWN)
 
-    def terms(self, name: str, found: Thermal, slope: Array) -> None:
+    def terms(self, name: str, found: Term, slope: Array) -> None:
         """Compare the coefficients of three axes, whose bars share one scatter."""
         off, sd = found.coefficients[0] - slope, found.sd[0]
         self.add(f"{name} in temperature", off, np.diag(sd**2), found.dof)

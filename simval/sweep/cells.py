@@ -10,13 +10,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 from simval.errors import InputError
 from simval.results import CellName, Check, Row
 from simval.statistics import FAMILIES, Statistic
 from simval.studies.study import Cell
-from simval.verdict import Answer
 
 REFUSED = "refused: "
 """Beginning of a cell's error if it was refused; that of a crash begins with a
@@ -24,14 +23,6 @@ traceback."""
 
 MAX_SAMPLES = 2**53
 """From here on a number of samples is not exact as a float."""
-
-Ending = Answer | Literal["failed", "refused", "stored"]
-"""How a cell ended: a verdict, a crash, a refusal, or stored with nothing to judge."""
-
-ENDINGS: tuple[Ending, ...] = (
-    *("stored", "pass", "inconclusive", "refused", "fail", "failed"),
-)
-"""From best to worst; ``failed`` is a crash, ``fail`` a verdict."""
 
 Stored = tuple[Any, ...]
 """A cell or a row as it is stored: numbers, words and None, in the order of fields."""
@@ -47,11 +38,6 @@ ROW_FIELDS = tuple(f.name for f in (*fields(Statistic), *fields(Row)[1:]))
 
 class DamagedError(InputError):
     """Something in a run folder is not what a sweep wrote."""
-
-
-def worse(first: Ending, second: Ending) -> Ending:
-    """Choose the worse of two endings."""
-    return max(first, second, key=ENDINGS.index)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,9 +89,13 @@ class Done(NamedTuple):
     cell: Stored  # its entry
     rows: Sequence[Stored]  # each with its cell and its place; none where it failed
     digest: str  # of both
-    ending: Ending
     artifacts: Mapping[str, Any] = {}
     machine: str = ""  # that computed it; empty where none did
+
+    @property
+    def failed(self) -> bool:
+        """True if it crashed or was refused."""
+        return bool(self.cell[CELL_FIELDS.index("status")] == "failed")
 
 
 def cell_entry(

@@ -33,14 +33,13 @@ from typing import Any, Protocol, runtime_checkable
 
 from simval.errors import CrashedPluginError, PluginError, UnmeasurableError
 from simval.plugins.names import told_anywhere
-from simval.results import CellName, Outcome, Row
+from simval.results import Outcome
 from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep.cells import (
     REFUSED,
     DamagedError,
     Done,
-    Ending,
     cell_entry,
     digest_of_entries,
     row_entries,
@@ -48,7 +47,6 @@ from simval.sweep.cells import (
 from simval.sweep.identity import Stated, StrangerError, refusal, require_as_read
 from simval.sweep.threads import ONE_THREAD
 from simval.text import described, message_of, one_line, printable
-from simval.verdict import ALPHA, judge, overall
 
 PAUSE = 1.0  # s, after which the window is asked for again though nothing has ended
 
@@ -83,7 +81,6 @@ class Batch:
     """Cells that are computed together, each with its place in the suite."""
 
     cells: tuple[tuple[int, Cell], ...]
-    alpha: float  # the part of the false-alarm rate of each
     work: Work | None = None  # None is the study's own
     stated: Stated | None = None  # what whoever computes them must be
     returns: int = 0  # how often it came back
@@ -101,12 +98,11 @@ class Queue:
         self,
         cells: Sequence[Cell],
         pending: Sequence[int],
-        alpha: float,
         work: Work | None = None,
         stated: Stated | None = None,
     ) -> None:
         self._cells, self._pending, self._stated = cells, pending, stated
-        self._alpha, self._work = alpha / max(len(cells), 1), work
+        self._work = work
         self._next = 0
         self._back: deque[Batch] = deque()  # before all others
         self.suspects: deque[int] = deque()  # cells to be computed by themselves
@@ -130,11 +126,11 @@ class Queue:
                 break
             self._next += 1
             batch.append((place, cell))
-        return Batch(tuple(batch), self._alpha, self._work, self._stated)
+        return Batch(tuple(batch), self._work, self._stated)
 
     def alone(self, place: int) -> Batch:
         """A batch of one cell."""
-        return Batch((self._cell(place),), self._alpha, self._work, self._stated)
+        return Batch((self._cell(place),), self._work, self._stated)
 
     def put_back(self, batch: Batch) -> None:
         """Have a batch computed by somebody else, before all others."""
@@ -197,7 +193,7 @@ def computed(batch: Batch) -> list[Done]:
     work = () if batch.work is None else (batch.work,)
     with ONE_THREAD:
         done = [
-            _done(cell, *attempt(position, cell, *work), batch.alpha)
+            _done(cell, *attempt(position, cell, *work))
             for position, cell in batch.cells
         ]
     if batch.stated is not None:
@@ -205,43 +201,24 @@ def computed(batch: Batch) -> list[Done]:
     return [each._replace(machine=machine) for each in done]
 
 
-def _done(
-    cell: Cell, position: int, outcome: Outcome | str, seconds: float, alpha: float
-) -> Done:
+def _done(cell: Cell, position: int, outcome: Outcome | str, seconds: float) -> Done:
     if isinstance(outcome, str):
         return failed(position, cell, outcome, seconds)
     try:
         rows = row_entries(position, outcome.rows)
-        ending = ending_of(cell, outcome.rows, alpha)
     except DamagedError as error:
         return failed(position, cell, f"a result that cannot be: {error}", seconds)
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         return failed(position, cell, described(error), seconds)
     entry = cell_entry(position, cell, "done", "", seconds, outcome.times)
     digest = digest_of_entries(entry, rows)
-    return Done(entry, rows, digest, ending, outcome.artifacts)
-
-
-def ending_of(cell: Cell, rows: Sequence[Row], alpha: float) -> Ending:
-    """Verdict of one cell by itself: it fails at its part of the false-alarm rate.
-
-    A run judges all rows together, and asks for no fewer samples than its whole rate
-    does of this cell alone: what is inconclusive here is so there.
-    """
-    members = [(CellName(cell.study, cell.name), row) for row in rows]
-    if overall(judge(members, alpha)) == "fail":
-        return "fail"
-    answers = {v.answer for v in judge(members, ALPHA) if not v.wide}
-    if not answers:
-        return "stored"
-    return "inconclusive" if "inconclusive" in answers else "pass"
+    return Done(entry, rows, digest, outcome.artifacts)
 
 
 def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:
     """A cell that has failed, and why."""
     entry = cell_entry(position, cell, "failed", printable(error), seconds)
-    ending: Ending = "refused" if error.startswith(REFUSED) else "failed"
-    return Done(entry, (), digest_of_entries(entry, ()), ending)
+    return Done(entry, (), digest_of_entries(entry, ()))
 
 
 def serial(queue: Queue) -> Iterator[Sequence[Done]]:

@@ -23,11 +23,12 @@ from typing import Any
 
 import numpy as np
 
+from simval import files
 from simval.imu.filters.mekf import compiled
 from simval.plugins.loading import sources
 from simval.plugins.names import portable
 from simval.scene import models_folder
-from simval.studies import STUDIES
+from simval.studies import STUDIES, brought
 from simval.sweep.suite import Suite
 from simval.sweep.threads import linear_algebra
 
@@ -115,6 +116,8 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
             if digest:
                 by_study = named.setdefault(portable(path), {})
                 by_study.setdefault(study, set()).add(digest)
+    for study, file in _brought(grid).items():
+        named.setdefault(file.name, {})[study] = {files.digest(file)}
     digests: dict[str, set[str]] = {}
     for name, by_study in named.items():
         alike = len(set().union(*by_study.values())) == 1
@@ -130,7 +133,13 @@ def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
         f"{study}.{field}": {portable(t): t for t in texts if portable(t) != t}
         for study, field, texts in _plugins(grid)
     }
+    paths["studies"] = {path.name: str(path) for path in _brought(grid).values()}
     return {key: known for key, known in paths.items() if known}
+
+
+def _brought(grid: Mapping[str, Any]) -> dict[str, Path]:
+    # files of a user's studies that a suite has
+    return {name: path for name, path in brought().items() if name in grid}
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

@@ -20,8 +20,10 @@ from typing import Any
 from simval.arguments import file_path
 from simval.errors import InputError
 from simval.extras import refuse_without
+from simval.files import digest
 from simval.notebooks import ShownRun
 from simval.results import COLUMNS, NUMBERS
+from simval.studies import bring
 from simval.studies.study import canonical
 from simval.sweep import store
 from simval.sweep.cells import CellResult
@@ -124,6 +126,10 @@ def load_run(folder: str | Path) -> Run:
         cells = tuple(store.read_cells(database))
     timing = _timing(path / "timing.json")
     places = timing.pop("plugins", {})
+    held = manifest.get("files", {})
+    # a study of a file that is where it was, and as it was
+    bring(path for name, path in places.get("studies", {}).items()
+          if digest(path) == held.get(name))  # fmt: skip
     return Run(
         folder=path, cells=cells, manifest=manifest, timing=timing, places=places
     )

@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -27,13 +27,11 @@ from simval.arrays import nonnegative_number
 from simval.errors import InputError
 from simval.studies.study import Cell
 from simval.sweep import provenance, store
-from simval.sweep.cells import Ending, worse
 from simval.sweep.cluster import WAIT, clustered
 from simval.sweep.executors import Compute, Queue, Work, pooled, serial
 from simval.sweep.identity import Stated, environments, here
 from simval.sweep.run import Run, completed, load_run, write_table
 from simval.sweep.suite import Suite, load_suite, require_plugins
-from simval.verdict import ALPHA
 
 FIXED = ("suite", "grid", "versions", "source", "models", "files", "machine")
 """What must be equal for a run to be resumed. The commit may differ where only texts
@@ -45,13 +43,13 @@ PART = "run.sqlite.part"
 class Progress:
     """Receives the progress of the driver; by itself it says nothing."""
 
-    def start(self, total: int, done: int, worst: Ending) -> None:
+    def start(self, total: int, done: int) -> None:
         """Begin."""
 
     def expect(self, cells: Sequence[Cell], workers: int | None) -> None:
         """Note the cells to come in their order, and how many are computed at once."""
 
-    def advance(self, name: str, ending: Ending) -> None:
+    def advance(self, name: str) -> None:
         """Note that one more cell has ended."""
 
     def tell(self, words: str) -> None:
@@ -160,12 +158,11 @@ def drive(
             _write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
             pending = store.unfinished(database)
             done = len(suite.cells) - len(pending)
-            worst = cast(Ending, store.entry(database, "worst") or "stored")
-            progress.start(len(suite.cells), done, worst if done else "stored")
+            progress.start(len(suite.cells), done)
             at_once = workers if scheduler is None else None
             progress.expect([suite.cells[k] for k in pending], at_once)
-            queue = Queue(suite.cells, pending, ALPHA, work, stated)
-            _compute(database, folder, compute, queue, progress, worst)
+            queue = Queue(suite.cells, pending, work, stated)
+            _compute(database, folder, compute, queue, progress)
             manifest = store.manifest(database)
             counts = store.entry(database, "machines")
             manifest["environments"] = environments(counts)
@@ -209,18 +206,15 @@ def _compute(
     compute: Compute,
     queue: Queue,
     progress: Progress,
-    worst: Ending,
 ) -> None:
     """Compute the missing cells, and store each batch that ends."""
     for batch in compute(queue):
         for each in batch:
             for name, content in each.artifacts.items():
                 _write(folder / "artifacts" / name, content)
-            if each.ending not in ("failed", "refused"):
-                worst = worse(worst, each.ending)
-        store.finish(database, batch, worst)
+        store.finish(database, batch)
         for each in batch:
-            progress.advance(each.cell[1], each.ending)
+            progress.advance(each.cell[1])
     left = store.count(database, "pending")
     if left:
         msg = f"{left} cells came back neither finished nor failed"

@@ -134,12 +134,10 @@ def create(path: Path, cells: Iterable[Cell], manifest: Mapping[str, Any]) -> No
         )
 
 
-def finish(database: sqlite3.Connection, batch: Sequence[Done], worst: str) -> None:
+def finish(database: sqlite3.Connection, batch: Sequence[Done]) -> None:
     """Store cells that have ended with their rows, in one transaction."""
     machines = Counter(
-        done.machine
-        for done in batch
-        if done.machine and done.ending not in ("failed", "refused")
+        done.machine for done in batch if done.machine and not done.failed
     )
     marks = ", ".join("?" * (2 + len(ROW_FIELDS)))
     with database:
@@ -153,7 +151,7 @@ def finish(database: sqlite3.Connection, batch: Sequence[Done], worst: str) -> N
             ((*done.cell[5:], done.digest, done.cell[0]) for done in batch),
         )
         machines.update(json.loads(entry(database, "machines") or "{}"))
-        keep(database, worst=worst, machines=json.dumps(machines))
+        keep(database, machines=json.dumps(machines))
 
 
 def keep_manifest(database: sqlite3.Connection, content: Mapping[str, Any]) -> None:
@@ -166,7 +164,7 @@ def complete(database: sqlite3.Connection, folder: Path) -> None:
     """Note that the run is complete, with the digests of its files and of all cells."""
     with database:
         files = json.dumps(_digests_of_files(folder))
-        keep(database, worst=None, files=files, complete=_digest_of_cells(database))
+        keep(database, files=files, complete=_digest_of_cells(database))
 
 
 def reopen(database: sqlite3.Connection) -> None:

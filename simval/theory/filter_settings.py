@@ -27,7 +27,7 @@ What is answered is of the path as it is.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -156,7 +156,7 @@ class FilterCase:
 
 def name_of(error: Error) -> str:
     """Name of an error in a budget, and by which it is scaled."""
-    return f"{error.of} motion" if isinstance(error, RowError) else error.name
+    return f"{error.of} disturbance" if isinstance(error, RowError) else error.name
 
 
 def _scaled(error: Error, times: float) -> Error:
@@ -176,6 +176,10 @@ class FilterEffect(NamedTuple):
     def worst(self) -> float:
         """Greatest error of a motion, rad."""
         return float(self.rms.max())
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return {"rms": self.worst, "nees": self.nees.tolist()}
 
     def excess(self, band: tuple[float, float]) -> Float[Array, " c"]:
         """Logarithms by which NEES is out of a band: none above 0 is honest."""
@@ -219,7 +223,7 @@ def budget(cases: Sequence[FilterCase], factors: Factors) -> dict[str, float]:
         found = case.prediction(factors)
         P = np.trace(found.parts[:, :, :3, :3], axis1=2, axis2=3).mean(axis=1) / 3.0
         known = float(np.mean(found.mean[:, :3] ** 2))
-        rows = zip((*found.names, "motion"), (*P.tolist(), known), strict=True)
+        rows = zip((*found.names, "disturbance"), (*P.tolist(), known), strict=True)
         for name, square in rows:
             squares[name] = squares.get(name, 0.0) + square / len(cases)
     return {name: float(np.sqrt(square)) for name, square in squares.items()}

@@ -155,21 +155,26 @@ def test_a_short_sweep_in_a_log(simval, tiny_suite, tmp_path):
     code, out, err = simval("sweep", tiny_suite, *words)
     lines = err.splitlines()
     assert (code, out.splitlines()[-1]) == (0, str(tmp_path / "r"))
-    assert re.match(r"0/4 cells, .* left, worst: stored, at work: \w+", lines[0])
-    assert re.match(r"4/4 cells, worst: \w+$", lines[-1])
-    assert len(lines) <= 4
+    assert re.match(r"0 of 4 cells, .* left, at work: \w+", lines[0])
+    (last,) = (k for k, line in enumerate(lines) if line == "4 of 4 cells")
+    assert last < 4
+    assert lines[last + 1 :][:4] == [
+        "Run r", "", "✓ Were all cells computed?", lines[last + 4]
+    ]  # fmt: skip
+    assert re.match(r"  Yes: all 4 cells of suite tiny, in .* s\.$", lines[last + 4])
+    assert f"`simval gate {tmp_path / 'r'}`" in " ".join(" ".join(lines).split())
     assert "\r" not in err
 
 
 def test_a_cluster_of_unknown_size_promises_no_time(capsys):
     with CellBar() as bar:
         cells = load_suite("smoke").cells
-        bar.start(len(cells), 0, "stored")
+        bar.start(len(cells), 0)
         bar.expect(cells, None)
-        bar.advance(cells[0].name, "pass")
+        bar.advance(cells[0].name)
     err = capsys.readouterr().err
     assert "left" not in err
-    assert f"1/{len(cells)} cells, worst: pass" in err
+    assert f"1 of {len(cells)} cells\n" in err
 
 
 def interrupted(monkeypatch, cells):

@@ -23,7 +23,16 @@ LINES = (  # of a module: before what stands there once, what
     ("vocabulary", '    "coverage",\n', '    "coin",\n'),
     ("imu/logs/readers", "\nCandidates = ", "from simval.imu.logs import sl1\n"),
     ("imu/logs/readers", "text),\n", "sl1, "),
+    (
+        "imu/sensor/effects",
+        "    delay_s: float = 0.0\n",
+        "    deadband_raw: float = 0.0\n",
+    ),
+    ("imu/sensor/effects", '("delay_s", "s"), ("sine', '("deadband_raw", "raw"), '),
+    ("imu/sensor/imu", "    if effects.quantum_raw > 0.0:\n", f"    {BLOCKS[3]}"),
 )
+
+IDEAL = "T = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nK = [1, 1, 1]\nB = [0, 0, 0]\n"
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +63,10 @@ def called(checkout, *words):
     ).stdout
 
 
-@pytest.mark.slow  # half a dozen processes
-def test_a_study_is_one_module_and_one_name(checkout):
-    schema = json.loads(called(checkout, "suite-schema"))
-    assert "coin" in schema["properties"]
-    assert "Coin: the share of heads" in called(checkout, "list")
+def check_coin(checkout, *brought):
+    """Swept, judged and drawn, as any study."""
     (checkout / "coin.toml").write_text("[coin]\nsamples = [1024, 4096]\n")
-    called(checkout, "sweep", "coin.toml", "--out", "run", "--quiet")
+    called(checkout, "sweep", "coin.toml", *brought, "--out", "run", "--quiet")
     assert "coverage[heads]" in (checkout / "run" / "results.csv").read_text()
     assert "Yes: all " in called(checkout, "gate", "run", "--no-baseline")
     called(checkout, "report", "run")
@@ -68,6 +74,31 @@ def test_a_study_is_one_module_and_one_name(checkout):
     assert 'id="figure-coin"' in page
     assert "The share of heads agrees with theory" in page
     assert "coverage[heads]" in page
+
+
+@pytest.mark.slow  # half a dozen processes
+def test_a_study_is_one_module_and_one_name(checkout):
+    schema = json.loads(called(checkout, "suite-schema"))
+    assert "coin" in schema["properties"]
+    assert "Coin: the share of heads" in called(checkout, "list")
+    check_coin(checkout)
+
+
+@pytest.mark.ci
+def test_a_users_own_study_is_one_file(tmp_path):
+    """From its own folder, by the package as it is; found again by the run."""
+    file = tmp_path / "own" / "coin.py"
+    file.parent.mkdir()
+    file.write_text("import sibling\n" + BLOCKS[0].partition('"""\n')[2])
+    (file.parent / "sibling.py").write_text("")
+    (tmp_path / "simval").symlink_to(ROOT / "simval")
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    check_coin(tmp_path, "--study", str(file))
+    again = called(tmp_path, "repro", "--run", "run", "coin(samples=1024)@1")
+    assert "equal to the bit" in again
+    # a file that has changed is not run by who reads the run
+    file.write_text("raise SystemExit('run')")
+    assert "Yes: all " in called(tmp_path, "gate", "run", "--no-baseline")
 
 
 @pytest.mark.ci
@@ -91,6 +122,25 @@ def test_a_log_format_is_one_module_and_one_name(checkout):
         called(checkout, "calibrate", "log.sl1")
     assert refused.value.returncode == 2
     assert "log.sl1 is cut off or damaged" in refused.value.stderr
+
+
+@pytest.mark.slow
+def test_a_sensor_effect_is_a_field_and_a_line(checkout):
+    """A reading within the band is 0, and no other reading changes."""
+    logs = {}
+    for band in (0.0, 2.0):
+        (checkout / "sensor.toml").write_text(f"{IDEAL}deadband_raw = {band}\n")
+        words = ("--sensor", "sensor.toml", "--every", "50", "--out", "log.csv")
+        called(checkout, "scene", "gimbal", "--set", "poses=9", *words)
+        logs[band] = np.loadtxt(checkout / "log.csv", delimiter=",", skiprows=1)[:, 1:4]
+    inside = np.abs(logs[0.0]) < 2.0
+    assert inside.any()
+    np.testing.assert_array_equal(logs[2.0], np.where(inside, 0.0, logs[0.0]))
+    (checkout / "sensor.toml").write_text(f"{IDEAL}deadband_raw = -1\n")
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        called(checkout, "scene", "gimbal", *words)
+    assert refused.value.returncode == 2
+    assert "deadband_raw" in refused.value.stderr
 
 
 def test_every_file_that_the_page_names_is_there():

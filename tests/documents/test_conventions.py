@@ -38,7 +38,8 @@ def test_a_picture_is_the_one_of_the_script(name):
     assert (FOLDER / f"{name}.svg").read_text(encoding="utf-8") == PICTURES[
         name
     ]().svg()
-    shown = PAGE + (ROOT / "docs" / "attitude.md").read_text(encoding="utf-8")
+    others = (ROOT / "docs" / name for name in ("attitude.md", "house.md"))
+    shown = PAGE + "".join(page.read_text(encoding="utf-8") for page in others)
     assert f"](pictures/{name}.svg)" in shown
 
 

@@ -1,7 +1,11 @@
 """Every workflow in the documentation, line by line, as a runner does."""
 
+import os
 import re
 import shlex
+import subprocess
+import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -114,3 +118,109 @@ def test_a_healthy_plugin_passes_once_the_baseline_is_there(job, simval, runner)
     code, out, _ = simval(*shlex.split(gate)[1:])
     assert code == 0, out
     assert "::error" not in out
+
+
+# the action
+
+FAKE = """#!/bin/sh
+echo "${0##*/} $*" >> "$CALLS"
+case "$*" in *--jq*) printf "$OWN" ;; esac
+"""
+
+
+def gone_through_action(folder, context, part=""):
+    """Exit code, calls of pip and gh, and summary, as a runner goes through its steps.
+
+    Expressions are names of a context, and empty where it has none.
+    """
+    action = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+    inputs = {k: str(each.get("default", "")) for k, each in action["inputs"].items()}
+    known = {f"inputs.{key}": value for key, value in inputs.items()}
+    known |= {"runner.temp": str(folder), "github.token": "secret"} | context
+    bin_ = folder / "bin"
+    bin_.mkdir()
+    for name in ("pip", "gh"):
+        (bin_ / name).write_text(FAKE)
+    (bin_ / "simval").write_text(f'#!/bin/sh\nexec {sys.executable} -m simval "$@"\n')
+    for each in bin_.iterdir():
+        each.chmod(0o755)
+    names = ("GITHUB_OUTPUT", "GITHUB_STEP_SUMMARY", "CALLS")
+    files = {name: str(folder / name.lower()) for name in names}
+    fixed = {"PATH": f"{bin_}:{os.environ['PATH']}", "OWN": known.get("own", "")}
+    code = 0
+    for step in action["runs"]["steps"]:
+        if part not in step["name"]:
+            continue
+        env = {
+            key: re.sub(r"\$\{\{ (\S+) \}\}", lambda m: known.get(m[1], ""), value)
+            for key, value in step["env"].items()
+        }
+        assert "${{" not in step["run"]  # nothing of an input is code
+        shell = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c"]
+        command = [*shell, step["run"]]
+        env = os.environ | files | fixed | env
+        code = subprocess.run(command, cwd=folder, env=env, check=False).returncode
+        if code:
+            break
+        output = Path(files["GITHUB_OUTPUT"])
+        for line in output.read_text().splitlines() if output.exists() else ():
+            key, _, value = line.partition("=")
+            known[f"steps.{step.get('id', 'judge')}.outputs.{key}"] = value
+    called = Path(files["CALLS"])
+    calls = called.read_text().splitlines() if called.exists() else []
+    return code, calls, Path(files["GITHUB_STEP_SUMMARY"])
+
+
+EVENT = {
+    "github.event.pull_request.number": "5",
+    "github.repository": "me/it",
+    "steps.judge.outputs.summary": "simval.md",
+}
+
+
+@pytest.mark.parametrize(
+    ("own", "way"),
+    [
+        ("", "POST repos/me/it/issues/5/comments"),
+        ("7", "PATCH repos/me/it/issues/comments/7"),
+    ],
+)
+def test_the_action_keeps_one_comment(tmp_path, own, way):
+    (tmp_path / "simval.md").write_text("### Check of *mine*\n")
+    asked = EVENT | {"inputs.comment": "true", "own": own}
+    code, calls, _ = gone_through_action(tmp_path, asked, "Comment")
+    assert code == 0
+    assert calls[-1] == f"gh api -X {way} -F body=@simval.md.comment"
+    said = (tmp_path / "simval.md.comment").read_text()
+    assert said == "<!-- simval -->\n### Check of *mine*\n"
+
+
+@pytest.mark.parametrize("left", [*EVENT, ""])
+def test_no_comment_is_made_that_nobody_asked_for(tmp_path, left):
+    (tmp_path / "simval.md").write_text("x")
+    asked = EVENT | {"inputs.comment": "true" if left else "false"}
+    asked |= {left: ""} if left != "github.repository" else {"inputs.comment": ""}
+    assert gone_through_action(tmp_path, asked, "Comment")[:2] == (0, [])
+
+
+@pytest.mark.ci
+def test_the_action_checks_a_plugin(tmp_path):
+    (tmp_path / "mine.py").write_text(CRASHING)
+    asked = {"inputs.check": "mine.py", "github.action_path": "/checkout of it"}
+    code, calls, summary = gone_through_action(tmp_path, asked)
+    assert code == 4
+    assert calls == ["pip install /checkout of it"]
+    said = summary.read_text(encoding="utf-8")
+    assert "No: it crashed" in said
+    assert "no such luck" in said
+    assert (tmp_path / "simval.md").read_text(encoding="utf-8") == said[:-1]
+
+
+@pytest.mark.ci
+def test_the_action_gates_a_run(tiny_run):
+    asked = {"inputs.run": "tiny", "inputs.options": "--no-baseline --alpha 0.01",
+             "inputs.install": "wheels/simval-*.whl"}  # fmt: skip
+    code, calls, summary = gone_through_action(tiny_run.parent, asked)
+    assert code == 0
+    assert "Does the run pass?" in summary.read_text(encoding="utf-8")
+    assert calls == ["pip install wheels/simval-*.whl"]

@@ -38,12 +38,15 @@ from simval.judge.formats import (
     trend_json,
 )
 from simval.judge.result_lines import (
+    Failures,
     algorithms_account,
     gate_account,
+    run_account,
     runs_account,
     trend_account,
 )
 from simval.results import CellName
+from simval.sweep.cells import REFUSED
 from simval.sweep.run import CellResult, Run
 
 N = 4000
@@ -182,6 +185,40 @@ def test_each_change_is_in_the_short_view_of_every_face(before, after, tmp_path)
             assert spelled(words) in face
         for name in ("norm", "efficiency"):  # that one run has alone
             assert spelled(f"s(noise=0.1)@1 {name}") in face
+
+
+@pytest.mark.parametrize(
+    ("cells", "failed", "refused", "begin", "answer"),
+    [
+        (4, 0, 0, "Yes: all 4 cells of suite made, in 45 s.", "pass"),
+        (1, 0, 0, "Yes: the only cell is done, in 45 s.", "pass"),
+        (1, 1, 1, "No: the only cell was refused, in 45 s.", "inconclusive"),
+        (4, 1, 0, "No: of 4 cells of suite made 1 crashed, in 45 s.", "fail"),
+        (30, 25, 3, "No: of 30 cells of suite made 22 crashed and 3 were", "fail"),
+    ],
+)
+def test_what_failed_in_a_run_is_in_the_short_view_of_every_face(
+    judged, cells, failed, refused, begin, answer
+):
+    why = [
+        f"{REFUSED}too short: {k}" if k < refused else f"Traceback\nOSError: gone {k}"
+        for k in range(min(failed, 20))
+    ]
+    first = [(f"s(k={k})@1", f"{each}\n") for k, each in enumerate(why)]
+    failures = Failures(first, failed, refused)
+    for found in (judged, None):
+        account = run_account(Path("a b"), "made", cells, 45.2, failures, found)
+        check_faces(account)
+        reply = account.replies[0]
+        assert (reply.headline[: len(begin)], reply.answer) == (begin, answer)
+        assert len(account.replies) == 1 + (found is not None)
+        for face, spelled in shown(account):
+            assert spelled("`simval gate 'a b'` compares it") in face
+            for (name, _), each in zip(first, why, strict=True):
+                last = each.splitlines()[-1].removeprefix(REFUSED)
+                assert spelled(f"{name}: {last}") in face
+            if failed > len(first):
+                assert spelled(f"{failed - len(first)} more cells") in face
 
 
 def test_the_schema_fits_what_is_written(simval, judged):

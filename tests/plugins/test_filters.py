@@ -7,11 +7,13 @@ does instead from a row on. `check` is held to the fault that was put in.
 import itertools
 import re
 from dataclasses import fields, replace
+from pathlib import Path
 from types import MethodType
 
 import numpy as np
 import pytest
 import rows_by_name
+from faces import check_faces, shown
 from places import EXAMPLES
 from scipy.spatial.transform import Rotation
 from sound import (
@@ -28,8 +30,7 @@ from sound import (
     tumbling,
 )
 
-from simval.check import check_function
-from simval.judge.causes import sound, why
+from simval.check import Checked, check_function
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import (
     attitude_error,
@@ -39,9 +40,13 @@ from simval.geometry import (
     normalize,
 )
 from simval.imu.filters.mekf import Mekf
+from simval.judge import judge_run
+from simval.judge.causes import sound, why
 from simval.plugins import Filter, find_plugin, find_world, run_filter
 from simval.plugins.answers import sound_covariances
+from simval.plugins.loading import Meant
 from simval.plugins.protocol import ANSWERS, READS
+from simval.sweep.run import Run
 
 ROWS = 40
 GIVEN, TRUTH = tumbling(3, ROWS)
@@ -614,7 +619,7 @@ def test_a_cause_is_named_by_its_numbers(cell, sentences):
     said = [" ".join(cause) for cause in why([cell])]
     assert len(said) == len(sentences), said
     for words, sentence in zip(sentences, said, strict=True):
-        assert re.search(words, sentence), sentence
+        assert re.search(words, sentence, re.IGNORECASE), sentence
 
 
 def test_what_is_not_wrong_is_said_with_its_number():
@@ -624,6 +629,22 @@ def test_what_is_not_wrong_is_said_with_its_number():
     assert sound([near, far]) == []
     seen = [replace(each, rows=(*each.rows, nis)) for each in (near, far)]
     assert sound(seen) == ["not wrong: its squared innovations (6.10 ± 0.10 of 6)"]
+
+
+def test_that_a_filter_without_covariance_is_not_judged_is_seen_in_every_face():
+    rows = [rows_by_name.row("rms_over_bound", 1.5, standard_error=0.01, n=256)]
+    (made,) = [
+        replace(rows_by_name.cell(rows, algorithm="mine"), study="filter", name="f@1")
+    ]
+    run = Run(folder=Path("check"), cells=(made,), manifest={}, timing={})
+    found = Checked(
+        plugins=(Meant(Filter.taken_by, "mine", "mine", {}),),
+        cells=run.cells,
+        result=judge_run(run),
+    )
+    check_faces(found.account)
+    for face, spelled in shown(found.account):
+        assert spelled("mine, 1.5 times the bound: it states no covariance") in face
 
 
 GYROSCOPE = "has for the gyroscope is too small|source of noise is missing"
@@ -672,7 +693,7 @@ BY_DAY = ({"late": 2},)
 def test_a_fault_is_named(fault, words):
     fast = fault in BY_DAY or {"late", "no coning"} & fault.keys()
     said = said_of(checked(fault, **(FAST if fast else {})))
-    assert re.search(words, said, re.S), said
+    assert re.search(words, said, re.IGNORECASE | re.DOTALL), said
 
 
 @pytest.mark.ci

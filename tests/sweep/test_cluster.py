@@ -187,7 +187,7 @@ class Comings(Progress):
         self.cluster, self.ended, self.words = cluster, 0, slow(tmp_path)
         self.nothing, self.said = without_simval(tmp_path), []
 
-    def advance(self, name, ending):
+    def advance(self, name):
         self.ended += 1
         workers = self.cluster.workers
         match self.ended:

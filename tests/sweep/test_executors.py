@@ -70,7 +70,7 @@ def pooled(tiny_suite, monkeypatch):
         pools = iter(pools)
         monkeypatch.setattr(executors, "_pool", lambda workers: next(pools))
         monkeypatch.setattr(executors, "SHARES", 4 / together)
-        queue = Queue(load_suite(str(tiny_suite)).cells, range(4), 1e-3)
+        queue = Queue(load_suite(str(tiny_suite)).cells, range(4))
         done = [each for batch in executors.pooled(queue, 1) for each in batch]
         return sorted((each.cell[0], each.cell[6]) for each in done)
 

@@ -38,7 +38,7 @@ def small(tmp_path_factory):
 def test_batches_are_as_large_as_their_cells_say_they_cost(at_once):
     cells = suite_of(2000).cells
     cost = cells[0].parameters.cost().seconds
-    queue = Queue(cells, range(2000), 1e-3)
+    queue = Queue(cells, range(2000))
     sizes = []
     while queue:
         left = 2000 - sum(sizes)
@@ -52,7 +52,7 @@ def test_batches_are_as_large_as_their_cells_say_they_cost(at_once):
         assert sizes[0] == full
     # a cell that costs more than a batch travels alone
     dear = expand("dear", {"seed": [1, 2, 3], "attitude": {"samples": 10**8}}).cells
-    assert len(Queue(dear, range(3), 1e-3).take(1).cells) == 1
+    assert len(Queue(dear, range(3)).take(1).cells) == 1
 
 
 class Stops(Progress):
@@ -61,7 +61,7 @@ class Stops(Progress):
     def __init__(self, after):
         self.left = after
 
-    def advance(self, name, ending):
+    def advance(self, name):
         self.left -= 1
         if not self.left:
             raise KeyboardInterrupt
@@ -78,9 +78,9 @@ def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
     suite, folder, stored_in = suite_of(CELLS), tmp_path / "run", []
     finish = store.finish
 
-    def counted(database, batch, worst):
+    def counted(database, batch):
         stored_in.append(len(batch))
-        finish(database, batch, worst)
+        finish(database, batch)
 
     monkeypatch.setattr(store, "finish", counted)
     for name, value in {"SHARES": 1, "CELLS": size, "SECONDS": seconds}.items():

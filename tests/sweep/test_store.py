@@ -153,7 +153,7 @@ class Reads(Progress):
     def __init__(self, folder):
         self.folder, self.counts, self.kept = folder, [], []
 
-    def advance(self, name, ending):
+    def advance(self, name):
         if not self.kept:
             path = self.folder / "run.sqlite"
             self.kept.append(sqlite3.connect(path, isolation_level=None))

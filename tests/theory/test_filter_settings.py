@@ -132,10 +132,10 @@ def test_the_budget_adds_up(short):
     parts = budget([case], {"N": 3.0})
     whole = np.sqrt(sum(part**2 for part in parts.values()))
     assert whole == pytest.approx(effect([case], {"N": 3.0}).worst, rel=1e-9)
-    assert parts["motion"] > 0.0
-    half = case.scaled({"gyroscope calibration": 0.5, "accelerometer motion": 2.0})
+    assert parts["disturbance"] > 0.0
+    half = case.scaled({"gyroscope calibration": 0.5, "accelerometer disturbance": 2.0})
     fewer = budget([half], {"N": 3.0})
-    for name, times in (("gyroscope calibration", 0.5), ("motion", 2.0)):
+    for name, times in (("gyroscope calibration", 0.5), ("disturbance", 2.0)):
         assert fewer[name] == pytest.approx(times * parts[name], rel=1e-9)
 
 

@@ -52,7 +52,7 @@ from simval.imu.calibrate.files import (
     named,
 )
 from simval.imu.calibrate.gravity import Gravity
-from simval.imu.calibrate.thermal import Thermal, law
+from simval.imu.calibrate.thermal import Term, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
@@ -443,7 +443,7 @@ def _at_one_temperature(first: "_File", second: "_File", sensor: str) -> _Both:
     return _Both((a, b), f"both at {degrees:.2f} degC ({ends})")
 
 
-def _moved(state: State, own: Thermal, degrees: float) -> State:
+def _moved(state: State, own: Term, degrees: float) -> State:
     """A state at another temperature, the covariance of the terms in its own."""
     powers = own.powers(np.array([degrees]))
     nothing = np.zeros((1, 3))
@@ -519,7 +519,7 @@ class _File:
     form: Model  # of the accelerometer's parameters; the other sensors have its axes
     states: dict[str, State]
     more: set[str]
-    warm: dict[str, Thermal]
+    warm: dict[str, Term]
     seen: tuple[float, ...]  # least and greatest temperature of its rests, if told
     g: Gravity
     doubts: tuple[str, ...]  # of its bars, by its own checks

@@ -37,7 +37,7 @@ from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.calibrate.estimate import plain
 from simval.imu.calibrate.result import STANDARD_GRAVITY, FitResult, raw_unit
-from simval.imu.calibrate.thermal import EDGE, TERMS, Thermal
+from simval.imu.calibrate.thermal import EDGE, TERMS, Term
 from simval.imu.sensor import GyroscopeModel, MagnetometerModel, forms
 from simval.shapes import Float
 from simval.text import shown
@@ -347,7 +347,7 @@ def load_others(
     return made[0], made[1]
 
 
-def load_thermal(path: str | Path) -> dict[str, Thermal]:
+def load_thermal(path: str | Path) -> dict[str, Term]:
     """Read the terms in temperature of a file that `load_calibration` has read."""
     block = _block(path, load_document(path), "temperature") or {}
     found = {}
@@ -360,7 +360,7 @@ def load_thermal(path: str | Path) -> dict[str, Thermal]:
 _USABLE = 1e50  # far beyond any coefficient; its square is still a number
 
 
-def _thermal(own: dict[str, Any]) -> Thermal:
+def _thermal(own: dict[str, Any]) -> Term:
     listed = instance("terms", own["terms"], list)
     terms = tuple(term for term in TERMS if list(term) in listed)
     size = len(terms)
@@ -368,7 +368,7 @@ def _thermal(own: dict[str, Any]) -> Thermal:
         msg = f"`terms` is {shown(listed)}; it must be some of {TERMS}, in order"
         raise InputError(msg)
     low, high = array(own, "range_degC", (2,))
-    found = Thermal(
+    found = Term(
         reference=float(array(own, "reference_degC", ())), low=low, high=high,
         terms=terms, coefficients=array(own, "coefficients", (size, 3)),
         covariance=array(own, "covariance", (3 * size, 3 * size)),
@@ -387,7 +387,7 @@ def _thermal(own: dict[str, Any]) -> Thermal:
 
 
 def at_temperature(
-    thermal: dict[str, Thermal],
+    thermal: dict[str, Term],
     readings: dict[str, Any],
     temperature: Any,
     *,

@@ -27,7 +27,7 @@ from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import checked_time, pose_means
 from simval.imu.calibrate.path_statistics import InterRestRotations
 from simval.imu.calibrate.result import FitResult
-from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.thermal import Term
 from simval.imu.sensor import forms
 from simval.shapes import Float
 from simval.vocabulary import Model
@@ -43,7 +43,7 @@ OTHERS = ("gyroscope", "magnetometer")
 class Taken(NamedTuple):
     """What was taken out of the readings, and how well it is known."""
 
-    thermal: Mapping[str, Thermal] = {}  # by sensor
+    thermal: Mapping[str, Term] = {}  # by sensor
     # what specific force does to the gyroscope, raw units per m/s^2, and its sd, (3, 3)
     G: Any = frozen(np.zeros((3, 3)))
     G_sd: Any = frozen(np.zeros((3, 3)))

@@ -40,18 +40,30 @@ from simval.imu.calibrate.rest_temperatures import (
 )
 from simval.imu.explain import RestMeans
 from simval.imu.explain.explanation import Kind
-from simval.imu.explain.judgement import KEPT, temperature_effect
+from simval.imu.explain.judgement import KEPT, Effect, temperature_effect
 from simval.imu.sensor import forms
 from simval.shapes import Float
 from simval.vocabulary import Model
 
-Term = tuple[str, int]  # bias or scale, and the power of the temperature
-TERMS: Final[tuple[Term, ...]] = (
+TERMS: Final[tuple[Effect, ...]] = (
     ("bias", 1), ("scale", 1), ("bias", 2), ("scale", 2),
 )  # fmt: skip
+
+
+class Course(NamedTuple):
+    """What is known of each row, that a bias or a scale may follow."""
+
+    name: str  # of the rows of a log
+    unit: str  # of a change of it
+    at: str  # of a value
+
+
+TEMPERATURE: Final = Course("temperature", "K", "degC")
+TIME: Final = Course("time", "s", "s")
 EDGE: Final = 0.1
 """Of the span seen: so far beyond it a reading is corrected, and that is said."""
-_DRIFTS: Final[frozenset[Kind]] = frozenset({"bias drift", "scale drift"})
+DRIFTS: Final[frozenset[Kind]] = frozenset({"bias drift", "scale drift"})
+"""Kinds of explanations that terms in time take into the fit."""
 _STEPS = 50
 _FLOOR = 1e-11  # of the readings' size: a noise of zero is rounding
 
@@ -61,7 +73,7 @@ class _ThermalVector(Corrected):
     # vectors of a triad with terms, and the chain rule through them
     raw: Float[Array, "t n 3"]  # readings less the bias at their temperature
     stretch: Float[Array, "t n 3"]  # factor of the scale there
-    terms: tuple[Term, ...]
+    terms: tuple[Effect, ...]
     powers: Float[Array, "n j"]
 
     def pull(
@@ -83,7 +95,7 @@ class _ThermalVector(Corrected):
 class ThermalTriad(Accelerometer):
     """A triad of a vector of known length, its parameters those of (TH1)."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[Effect, ...]
     powers: Float[Array, "n j"]  # means of tau and of its square over each rest
 
     size = property(lambda self: 9 + 3 * len(self.terms))
@@ -106,14 +118,14 @@ class ThermalTriad(Accelerometer):
         )  # fmt: skip
 
 
-def names_of(terms: tuple[Term, ...]) -> tuple[str, ...]:
+def names_of(terms: tuple[Effect, ...], over: Course = TEMPERATURE) -> tuple[str, ...]:
     """Names of the coefficients of some terms, axis by axis."""
-    power = {1: "K", 2: "K^2"}
+    power = {1: over.unit, 2: f"{over.unit}^2"}
     return tuple(f"{what}_{a} per {power[j]}" for what, j in terms for a in "xyz")
 
 
 def law(
-    terms: tuple[Term, ...],
+    terms: tuple[Effect, ...],
     values: Float[Array, "... k 3"],
     powers: Float[Array, "n 2"],
     x: Float[Array, "... n 3"],
@@ -130,7 +142,7 @@ def law(
 
 
 def by_terms(
-    terms: tuple[Term, ...], by_bias: Array, by_scale: Array, powers: Array
+    terms: tuple[Effect, ...], by_bias: Array, by_scale: Array, powers: Array
 ) -> list[Array]:
     """Derivatives by each term: those by bias or scale times its power of tau."""
     by = {"bias": by_bias, "scale": by_scale}
@@ -138,36 +150,39 @@ def by_terms(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Thermal(ReadOnly):
-    """Terms of one sensor in temperature.
+class Term(ReadOnly):
+    """What acts on the bias and scale of one sensor: temperature, or time.
 
     Attributes
     ----------
     reference : float
-        Temperature of the calibration, degrees Celsius.
+        Temperature of the calibration, degrees Celsius, or its time, s.
     low, high : float
-        Least and greatest temperature of the rests, degrees Celsius.
+        Least and greatest of the rests, in that unit.
     terms : tuple of tuple
-        What depends on temperature, ``bias`` or ``scale``, and its power.
+        What depends on it, ``bias`` or ``scale``, and its power.
     coefficients : Array
-        Of each term and axis, (k, 3): raw units over K to the power, and of a scale 1
-        over K to the power.
+        Of each term and axis, (k, 3): raw units over K (s) to the power, and of a scale
+        1 over K (s) to the power.
     covariance : Array
         Of the coefficients, axis by axis within term by term, (3 k, 3 k).
     centre : Array
         Reading about which a scale multiplies, raw units, (3,).
     dof : int
         Degrees of freedom that the covariance was estimated with.
+    over : Course
+        Temperature or time.
     """
 
     reference: float
     low: float
     high: float
-    terms: tuple[Term, ...]
+    terms: tuple[Effect, ...]
     coefficients: Float[Array, "k 3"]
     covariance: Float[Array, "c c"]
     centre: Float[Array, "3"]
     dof: int
+    over: Course = TEMPERATURE
 
     @property
     def sd(self) -> Float[Array, "k 3"]:
@@ -218,19 +233,19 @@ class Thermal(ReadOnly):
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values, the bars over the range beside it."""
-        at = np.linspace(self.low, self.high, 5)
+        at, unit = np.linspace(self.low, self.high, 5), self.over.at
         return {
-            "reference_degC": self.reference,
-            "range_degC": [self.low, self.high],
+            f"reference_{unit}": self.reference,
+            f"range_{unit}": [self.low, self.high],
             "terms": [list(term) for term in self.terms],
-            "names": list(names_of(self.terms)),
+            "names": list(names_of(self.terms, self.over)),
             "coefficients": self.coefficients.tolist(),
             "sd": self.sd.tolist(),
             "covariance": self.covariance.tolist(),
             "centre": self.centre.tolist(),
             "dof": self.dof,
             "bars_over_range": [
-                {"degC": float(T)} | {k: v.tolist() for k, v in self.bars(T).items()}
+                {unit: float(T)} | {k: v.tolist() for k, v in self.bars(T).items()}
                 for T in at
             ],
         }
@@ -261,11 +276,11 @@ class ThermalChoice(NamedTuple):
     """What the readings owe to temperature, as far as the evidence bears it."""
 
     rests: RestTemperatures | None = None  # None without a temperature
-    thermal: Thermal | None = None
+    thermal: Term | None = None
     reason: str = ""
     tested: bool = True  # False where an effect may be left out
     fit: ThermalFit | None = None  # with the terms
-    shifts: Any = ()  # `Thermal.shifts` of the poses
+    shifts: Any = ()  # `Term.shifts` of the poses
     within: Within | None = None
 
 
@@ -277,6 +292,7 @@ def choose_thermal(
     model: Model,
     g: float,
     std: Float[Array, " n"],
+    over: Course = TEMPERATURE,
 ) -> ThermalChoice:
     """Choose terms of a triad by their odds, and fit them with its parameters.
 
@@ -285,7 +301,7 @@ def choose_thermal(
     means : RestMeans
         Mean reading of each rest and its noise.
     rests : RestTemperatures
-        Of these.
+        Of these, or their times in its place.
     start : Array
         Parameters without terms, (9,).
     model : str
@@ -294,18 +310,23 @@ def choose_thermal(
         Length of the vector, as corrected.
     std : Array
         Noise by which the poses are weighed, raw units, (n,).
+    over : Course
+        Temperature or time.
 
     Returns
     -------
     ThermalChoice
         The terms, or why there are none.
     """
-    poses = means.readings
+    poses, not_modelled = means.readings, rests.not_modelled
+    if over is TIME:
+        not_modelled = "no drift is taken into the fit, because {}".format
     why = rests.refusal(len(poses) - 9)
     if why:
-        return ThermalChoice(rests, reason=rests.not_modelled(why), tested=False)
+        return ThermalChoice(rests, reason=not_modelled(why), tested=False)
     most = (len(poses) - 9 - LEAST_LEFT) // 3
-    drifts = _DRIFTS if rests.monotone else frozenset[Kind]()  # either is said to fit
+    # where it rises all the time, either is said to fit
+    drifts = DRIFTS if over is TIME or rests.monotone else frozenset[Kind]()
     found = temperature_effect(replace(means, temperature=rests.mean), most, drifts)
     size, terms = np.exp(min(found.odds, 700.0)), found.effects
     last = _fitted(poses, rests.powers, model, g, std, start, terms)
@@ -315,18 +336,18 @@ def choose_thermal(
             what = f"{found.rival.sentence(means.time)}, which explains it as well"
         elif last is None:
             what = "the effect cannot be told from the parameters"
-        reason, tested = rests.not_modelled(what), last is not None and not found.rival
+        reason, tested = not_modelled(what), last is not None and not found.rival
         return ThermalChoice(rests, reason=reason, tested=tested)
     dof = len(poses) - last.theta.size
-    thermal = Thermal(
+    thermal = Term(
         reference=rests.reference, low=rests.low, high=rests.high, terms=terms,
         coefficients=last.theta[9:].reshape(-1, 3),
         covariance=last.square / dof * last.covariance[9:, 9:],
-        centre=last.theta[6:9], dof=dof,
+        centre=last.theta[6:9], dof=dof, over=over,
     )  # fmt: skip
     kept = ", ".join(f"{what} {'linear' if j == 1 else 'square'}" for what, j in terms)
     reason = (
-        f"terms in temperature: {kept}; odds of the last {size:.2g} ({KEPT:g} needed)"
+        f"terms in {over.name}: {kept}; odds of the last {size:.2g} ({KEPT:g} needed)"
     )
     return ThermalChoice(
         rests, thermal, reason, fit=last, shifts=thermal.shifts(poses, rests.powers)
@@ -339,7 +360,7 @@ def thermal_problem(
     model: Model,
     g: float,
     std: Float[Array, " n"],
-    terms: tuple[Term, ...],
+    terms: tuple[Effect, ...],
 ) -> Problem:
     """The equations of one triad with terms; without any those of `Accelerometer`."""
     floor = _FLOOR * float(np.abs(poses).max())
@@ -352,7 +373,7 @@ def thermal_problem(
 
 def _fitted(
     poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: Model, g: float,
-    std: Float[Array, " n"], start: Float[Array, "9"], terms: tuple[Term, ...],
+    std: Float[Array, " n"], start: Float[Array, "9"], terms: tuple[Effect, ...],
 ) -> ThermalFit | None:  # fmt: skip
     # None where the terms cannot be told from the parameters
     problem = thermal_problem(poses[None], powers, model, g, std, terms)

@@ -33,18 +33,43 @@ gyrNoise)``, ``sq(sq(dt) * gyroBiasProcessNoise)`` of an angle) with EKF_TARGET_
 gain).
 """
 
-from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from simval.imu.filters.signals import Told
 
-Setting = tuple[str, float, float, float]  # name, value, and what is documented
 GAUSS: Final = 1e4  # in a tesla
-PX4_STEP: Final = 0.010
-ARDUPILOT_STEP: Final = 0.012
 FORGOTTEN: Final = 0.1  # degrees/s
+STEPS: Final = {"px4": 0.010, "ardupilot": 0.012}  # s
+RANGES: Final = {
+    "EKF2_GYR_NOISE": (1e-4, 0.1), "EKF2_GYR_B_NOISE": (0.0, 0.01),
+    "EKF2_GRAV_NOISE": (0.1, 10.0), "EKF2_MAG_NOISE": (1e-3, 1.0),
+    "EK3_GYRO_P_NSE": (1e-4, 0.1), "EK3_GBIAS_P_NSE": (1e-5, 1e-3),
+    "EK3_MAG_M_NSE": (0.01, 0.5),
+}  # fmt: skip
+"""Of autopilots' parameters, as they document them."""
+INTEGRATED: Final = (
+    "accelerometer_noise_density is for a filter that takes the vertical from the "
+    "accelerometer; one that integrates it may need more",
+    "accelerometer_random_walk: not asked here; measure it (simval noise)",
+)
+NOTES: Final = {
+    "kalibr": INTEGRATED,
+    "openvins": INTEGRATED,
+    "ros": ("fields of sensor_msgs/Imu and MagneticField",),
+    "px4": ("EKF2_GRAV_NOISE counts where EKF2_IMU_CTRL fuses gravity",),
+    "ardupilot": ("the accelerometer's noise is not carried: EKF3 does not take the "
+                  "vertical from it",),
+}  # fmt: skip
+FORMS: Final = {
+    "kalibr": ("", "{}: {}"),
+    "openvins": ("%YAML:1.0\nimu0:\n", "  {}: {}"),
+    "ros": ("", "{}: {}"),
+    "px4": ("# Vehicle-Id Component-Id Name Value Type\n", "1\t1\t{}\t{}\t9"),
+    "ardupilot": ("", "{},{}"),
+}
+"""What a project's file begins with, and a line of it."""
 
 
 class Given(NamedTuple):
@@ -52,150 +77,90 @@ class Given(NamedTuple):
 
     told: Told
     rate: float
-    accelerometer_walk: float | None = None  # m/s^2 per root second
-
-    @property
-    def density(self) -> float:
-        """White noise of the accelerometer, m/s^2 per root hertz."""
-        return float(self.told.accelerometer_noise / np.sqrt(self.rate))
-
-    @property
-    def magnetometer(self) -> bool:
-        """True if there is one."""
-        return bool(np.isfinite(self.told.magnetometer_noise))
-
-    def of_steps(self, step: float) -> tuple[float, float, float, float]:
-        """N, K, and the noise of accelerometer and magnetometer, eq. (TO2)."""
-        told, more = self.told, np.sqrt(1.0 / (self.rate * step))
-        return (
-            told.gyroscope_noise / np.sqrt(step), told.gyroscope_walk / np.sqrt(step),
-            told.accelerometer_noise * more, told.magnetometer_noise * more,
-        )  # fmt: skip
 
 
-def _densities(given: Given) -> list[str]:
-    told, walk = given.told, given.accelerometer_walk
-    values = {
-        "gyroscope_noise_density": told.gyroscope_noise,
-        "gyroscope_random_walk": told.gyroscope_walk,
-        "accelerometer_noise_density": given.density,
-        "accelerometer_random_walk": walk,
-        "update_rate": float(f"{given.rate:.9g}"),
-    }
-    return [f"{name}: {_yaml(x)}" for name, x in values.items() if x is not None]
-
-
-def _yaml(value: float) -> str:
-    # with a point: 1e-05 is a word in YAML 1.1
-    text = repr(float(value))
-    return text if "." in text else text.replace("e", ".0e")
-
-
-def _openvins(given: Given) -> list[str]:
-    return ["imu0:", *(f"  {line}" for line in _densities(given))]
-
-
-def _ros(given: Given) -> list[str]:
-    told = given.told
-    variances = {
-        "angular_velocity_covariance": told.gyroscope_noise**2 * given.rate,
-        "linear_acceleration_covariance": told.accelerometer_noise**2,
-    }
-    if given.magnetometer:
-        variances["magnetic_field_covariance"] = told.magnetometer_noise**2
-    return [
-        f"{name}: [{', '.join(_yaml(x) for x in (value * np.eye(3)).ravel())}]"
-        for name, value in variances.items()
-    ]
-
-
-def _px4(given: Given) -> list[Setting]:
-    N, K, force, field = given.of_steps(PX4_STEP)
-    found = [
-        ("EKF2_GYR_NOISE", N, 1e-4, 0.1),
-        ("EKF2_GYR_B_NOISE", K, 0.0, 0.01),
-        ("EKF2_GRAV_NOISE", force / given.told.gravity, 0.1, 10.0),
-    ]
-    if given.magnetometer:
-        found.append(("EKF2_MAG_NOISE", GAUSS * field, 1e-3, 1.0))
-    return found
-
-
-def _ardupilot(given: Given) -> list[Setting]:
-    N, K, _, field = given.of_steps(ARDUPILOT_STEP)
-    found = [("EK3_GYRO_P_NSE", N, 1e-4, 0.1), ("EK3_GBIAS_P_NSE", K, 1e-5, 1e-3)]
-    if given.magnetometer:
-        found.append(("EK3_MAG_M_NSE", GAUSS * field, 0.01, 0.5))
-    return found
-
-
-_INTEGRATED: Final = (
-    "accelerometer: found for a filter that takes the vertical from it; one that "
-    "integrates it may need more"
-)
-_FILES: Final[Mapping[str, tuple[str, Callable[[Given], list[Any]], str, str]]] = {
-    "kalibr": ("", _densities, "", _INTEGRATED),
-    "openvins": ("%YAML:1.0", _openvins, "", _INTEGRATED),
-    "ros": ("", _ros, "", "fields of sensor_msgs/Imu and MagneticField"),
-    "px4": ("# Vehicle-Id Component-Id Name Value Type", _px4, "1\t1\t{}\t{!r}\t9",
-            "EKF2_GRAV_NOISE counts where EKF2_IMU_CTRL fuses gravity"),
-    "ardupilot": ("", _ardupilot, "{},{!r}", "accelerometer: EKF3 does not take the "
-                  "vertical from it, so its noise is not carried"),
-}  # fmt: skip
+def settings_of(project: str, given: Given) -> dict[str, Any]:
+    """Settings of a project by name, eqs. (TO1) to (TO3)."""
+    told, f = given.told, given.rate
+    N, K, R = told.gyroscope_noise, told.gyroscope_walk, told.accelerometer_noise
+    field = told.magnetometer_noise
+    if project in ("kalibr", "openvins"):
+        return {
+            "gyroscope_noise_density": N, "gyroscope_random_walk": K,
+            "accelerometer_noise_density": R / f**0.5,
+            "update_rate": float(f"{f:.9g}"),
+        }  # fmt: skip
+    if project == "ros":
+        variances = {"angular_velocity": N**2 * f, "linear_acceleration": R**2,
+                     "magnetic_field": field**2}  # fmt: skip
+        return {
+            f"{name}_covariance": (value * np.eye(3)).ravel().tolist()
+            for name, value in variances.items()
+            if np.isfinite(value)
+        }
+    root, rows = STEPS[project] ** 0.5, (f * STEPS[project]) ** -0.5
+    found = {
+        "EKF2_GYR_NOISE": N / root, "EKF2_GYR_B_NOISE": K / root,
+        "EKF2_GRAV_NOISE": R / told.gravity * rows,
+        "EKF2_MAG_NOISE": GAUSS * field * rows,
+    }  # fmt: skip
+    if project == "ardupilot":
+        names = ("EK3_GYRO_P_NSE", "EK3_GBIAS_P_NSE", "", "EK3_MAG_M_NSE")
+        found = dict(zip(names, found.values(), strict=True))
+        del found[""]
+    return {name: value for name, value in found.items() if np.isfinite(value)}
 
 
 def settings_file(project: str, given: Given) -> tuple[str, list[str]]:
     """Text of a project's file with the settings, and what to know of it."""
-    first, made, form, note = _FILES[project]
-    notes, lines = [note], []
-    for each in made(given):
-        if isinstance(each, str):
-            lines.append(each)
-            continue
-        name, value, least, most = each
-        lines.append(form.format(name, float(value)))
-        if not least <= value <= most:
-            words = (
-                f"{name} is {value:.3g}, the project documents {least:g} to {most:g}"
-            )
-            notes.append(words)
-    if project in ("kalibr", "openvins") and given.accelerometer_walk is None:
-        notes.append("accelerometer_random_walk: not known; measure it (simval noise)")
-    head = [first] * bool(first) + [f"# {each}" for each in notes]
-    return "\n".join([*head, *lines, ""]), notes
+    notes, values = list(NOTES[project]), settings_of(project, given)
+    for name, value in values.items():
+        least, most = RANGES.get(name, (-np.inf, np.inf))
+        if name in RANGES and not least <= value <= most:
+            notes.append(f"{name} is {value:.3g}, documented are {least:g} to {most:g}")
+    first, form = FORMS[project]
+    lines = [form.format(name, _spelled(value)) for name, value in values.items()]
+    # a version of YAML must stand first
+    return "\n".join(
+        [first + lines[0], *lines[1:], *(f"# {x}" for x in notes), ""]
+    ), notes
+
+
+def _spelled(value: Any) -> str:
+    # with a point: 1e-05 is a word in YAML 1.1
+    if isinstance(value, list):
+        return f"[{', '.join(map(_spelled, value))}]"
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
 
 
 def arguments(given: Given) -> dict[str, dict[str, Any]]:
-    """Arguments of Python packages, by package and what takes them."""
+    """Arguments of Python packages, eqs. (TO1) and (TO3) to (TO5).
+
+    By package and what takes them; a variance is times the identity, and Q of the error
+    of an angle and of its bias.
+    """
     told, f = given.told, given.rate
-    N, K, g = told.gyroscope_noise, told.gyroscope_walk, told.gravity
-    R2 = [told.accelerometer_noise**2]
-    tau = {"tauAcc": float(told.accelerometer_noise / (g * N * np.sqrt(f)))}
-    directions = [R2[0] / g**2, 1.0]
-    if given.magnetometer:
-        R2.append(told.magnetometer_noise**2)
-        directions[1] = float(R2[1] / (told.field @ told.field))
-        level = float(np.hypot(*told.field[:2]))
-        tau["tauMag"] = float(told.magnetometer_noise / (level * N * np.sqrt(f)))
+    N, K, R = told.gyroscope_noise, told.gyroscope_walk, told.accelerometer_noise
+    gain = N * f**0.5 * told.gravity / R
     cross = -(K**2) / f**2 / 2.0
-    Q = np.array([[N**2 / f + K**2 / f**3 / 3.0, cross], [cross, K**2 / f]])
-    start = np.diag(np.repeat([told.start_std**2, told.bias_std**2], 3))
+    Q = [[N**2 / f + K**2 / f**3 / 3.0, cross], [cross, K**2 / f]]
+    directions, readings, tau = [(R / told.gravity) ** 2, 1.0], [R**2], {}
+    if np.isfinite(told.magnetometer_noise):
+        m, (north, west, up) = told.magnetometer_noise, told.field.tolist()
+        directions[1] = m**2 / (north**2 + west**2 + up**2)
+        readings.append(m**2)
+        tau["tauMag"] = m / (float(np.hypot(north, west)) * N * f**0.5)
     if K > 0.0:
         tau["biasForgettingTime"] = float((FORGOTTEN / np.degrees(K)) ** 2)
-    eye = np.eye(3)
-    combined = {
-        "setGyroscopeCovariance": N**2 * eye,
-        "setBiasOmegaCovariance": K**2 * eye,
-        "setAccelerometerCovariance": given.density**2 * eye,
-    }
-    if given.accelerometer_walk is not None:
-        combined["setBiasAccCovariance"] = given.accelerometer_walk**2 * eye
     return {
         "ahrs.filters.EKF": {"frequency": f, "noises": [N**2 * f, *directions]},
-        "vqf.VQF": {"gyrTs": 1.0 / f, **tau,
+        "vqf.VQF": {"gyrTs": 1.0 / f, "tauAcc": 1.0 / gain, **tau,
                     "biasSigmaInit": float(np.degrees(told.bias_std))},
-        "imufusion.AhrsSettings": {"gain": 1.0 / tau["tauAcc"]},
+        "imufusion.AhrsSettings": {"gain": gain},
         "filterpy.kalman.KalmanFilter": {
-            "Q": np.kron(Q, eye), "R": np.diag(np.repeat(R2, 3)), "P": start},
-        "gtsam.PreintegrationCombinedParams": combined,
+            "Q": Q, "R": readings, "P": [told.start_std**2, told.bias_std**2]},
+        "gtsam.PreintegrationCombinedParams": {
+            "setGyroscopeCovariance": N**2, "setBiasOmegaCovariance": K**2,
+            "setAccelerometerCovariance": R**2 / f},
     }  # fmt: skip

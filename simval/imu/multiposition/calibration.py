@@ -39,7 +39,10 @@ from simval.imu.calibrate.path_statistics import Scheme
 from simval.imu.calibrate.recording import NOTHING, OTHERS, Hemisphere, Taken
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import (
-    Thermal,
+    TEMPERATURE,
+    TIME,
+    Course,
+    Term,
     ThermalChoice,
     ThermalFit,
     choose_thermal,
@@ -173,6 +176,7 @@ def calibrate_log(
     full_scale: float | None = None,
     noise: NoiseFile | None = None,
     leave_out: Sequence[float] = (),
+    drift: bool = False,
     predict: Callable[..., Any] | None = None,
 ) -> LogCalibration:
     """Calibrate the accelerometer of a log.
@@ -199,6 +203,9 @@ def calibrate_log(
         log's longest rest, and white noise alone where that is too short.
     leave_out : sequence of int or float
         Rests to leave out: an int is the number of one, a float a time within it, s.
+    drift : bool, default False
+        Whether the accelerometer's bias and scale may follow the time; the parameters
+        are those at the middle of the rests.
     predict : callable or None
         Theory of how well the sensor can be known from these rests, such as
         `simval.theory.calibration_moments`.
@@ -220,6 +227,7 @@ def calibrate_log(
         calibrate, g=g, model=model, method=method, residual=residual, loss=loss,
         full_scale=full_scale, step=step, iteration=iteration,
     )  # fmt: skip
+    over = _course(log, loss) if drift else TEMPERATURE
     try:
         rests = find_rests(log, rest)
         refusal: RefusedError | None = None
@@ -248,7 +256,7 @@ def calibrate_log(
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
         means = rest_means(log, intervals, pose)
-        warm, further = _rest_terms(log, intervals, means, fit, std, loss), None
+        warm, further = _rest_terms(log, intervals, means, fit, std, loss, over), None
         if warm.fit is not None:
             log = at_reference(log, accelerometer=warm.thermal)
             poses = interval_means(log.accelerometer, intervals)
@@ -298,6 +306,18 @@ def calibrate_log(
     return result
 
 
+def _course(log: Log, loss: str) -> Course:
+    # of a drift that is asked for, where it can be told and fitted
+    if log.temperature is not None:
+        beside = "a temperature, by which terms go; leave its column out (--columns)"
+    elif loss != "linear":
+        beside = f"the loss {loss}; terms are fitted by least squares: leave it out"
+    else:
+        return TIME
+    msg = f"`drift` is asked for beside {beside}"
+    raise InputError(msg)
+
+
 def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
     """A log whose rests have the means that they would have without trembling."""
     if not np.any(pose.trembled):
@@ -309,15 +329,15 @@ def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
     return replace(log, accelerometer=rows)
 
 
-def at_reference(log: Log, **terms: Thermal | None) -> Log:
+def at_reference(log: Log, **terms: Term | None) -> Log:
     """A log as its sensors, by name, would have read at their references."""
-    if log.temperature is None:
-        return log
     rows = {name.replace("gyroscope", "gyro"): own for name, own in terms.items()}
     changed: dict[str, Any] = {
-        name: own.compensated(getattr(log, name), log.temperature)
+        name: own.compensated(getattr(log, name), course)
         for name, own in rows.items()
-        if own is not None and getattr(log, name) is not None
+        if own is not None
+        and getattr(log, name) is not None
+        and (course := getattr(log, own.over.name)) is not None
     }
     return replace(log, **changed)
 
@@ -329,18 +349,21 @@ def _rest_terms(
     fit: FitResult,
     std: Float[Array, " m"] | None,
     loss: str = "linear",
+    over: Course = TEMPERATURE,
 ) -> ThermalChoice:
-    # the temperature of each rest, and what the readings owe to it
-    if log.temperature is None:
+    # the temperature of each rest, or its time, and what the readings owe to it
+    course = getattr(log, over.name)
+    if course is None:
         return ThermalChoice()
-    rested = RestTemperatures.of(log.temperature, log.time, rests, means.readings)
+    rested = RestTemperatures.of(course, log.time, rests, means.readings)
     if loss != "linear":
         why = f"the loss is {loss}: terms are fitted by least squares"
         return ThermalChoice(rested, reason=rested.not_modelled(why), tested=False)
-    return choose_thermal(
-        means, rested, start=fit.parameters, model=fit.model, g=fit.g,
+    found = choose_thermal(
+        means, rested, start=fit.parameters, model=fit.model, g=fit.g, over=over,
         std=np.ones(len(rests)) if std is None else std,
     )  # fmt: skip
+    return found if over is TEMPERATURE else found._replace(rests=None)
 
 
 def _with_terms(
@@ -454,7 +477,7 @@ def calibrate_sensors(
     )
 
 
-def _terms(**found: Thermal | None) -> dict[str, Thermal]:
+def _terms(**found: Term | None) -> dict[str, Term]:
     # terms in temperature of the sensors that have any
     return {name: own for name, own in found.items() if own is not None}
 

@@ -14,6 +14,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.calibrate import FitResult
+from simval.imu.calibrate.thermal import DRIFTS
 from simval.imu.explain import Judgement, RestMeans, judge
 from simval.imu.explain.catalogue import wrapped
 from simval.imu.explain.explanation import LEAST_FREEDOM
@@ -27,6 +28,10 @@ from simval.shapes import Float
 _JUMP = 0.5  # of an axis's span, from row to row: the counter has wrapped around
 _FEWEST = 1.1  # times the span: a power of two as close is the counter's range
 _WIDER = 1.05  # times the span seen, the range of another
+
+
+DRIFT = "--drift"
+"""Option by which a drift is taken into the fit."""
 
 
 class JudgedRests(NamedTuple):
@@ -77,8 +82,10 @@ class JudgedRests(NamedTuple):
     @property
     def do(self) -> str:
         """Say what to do about it, with the option that does it."""
-        words = self.judgement.advice
-        return f"{words} ({self.option})" if self.option else words
+        words, option = self.judgement.advice, self.option
+        if option == DRIFT:
+            return f"take the drift into the fit ({option}), or {words}"
+        return f"{words} ({option})" if option else words
 
     @property
     def option(self) -> str:
@@ -87,6 +94,9 @@ class JudgedRests(NamedTuple):
         if self.judgement.off:
             out = ",".join(str(self.numbers[k]) for k in self.judgement.off)
             return f"--leave-out {out}"
+        drifts = all(f.explanation.kinds <= DRIFTS for f in named)
+        if self.judgement.names and drifts and self.log.temperature is None:
+            return DRIFT
         rests = named[0].explanation.rests if len(named) == 1 else ()
         count, first = len(self.intervals), min(rests, default=0)
         if not self.judgement.names or rests != tuple(range(first, count)) or not first:

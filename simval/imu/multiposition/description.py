@@ -47,7 +47,7 @@ from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.calibrate.reduction import variance_within
 from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
-from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.thermal import TEMPERATURE, TIME, Course, Term
 from simval.imu.calibrate.values import (
     gyroscope_values,
     how_good,
@@ -400,7 +400,7 @@ def _values(whole: Any) -> Iterator[Values]:
         yield magnetometer_values(compass, (noise, *facts), ("poses", "varies"))
         sizes["magnetometer"] = np.linalg.norm(compass.M, axis=0), "of the field's unit"
     for name, each in whole.taken.thermal.items():
-        yield _thermal(name, each, *sizes[name])
+        yield _acting(name, each, *sizes[name])
     if np.isfinite(fit.sd).all():
         yield budget(whole)
         names, signs = zip(*forms.entries(fit.model), strict=True)
@@ -413,11 +413,13 @@ def _values(whole: Any) -> Iterator[Values]:
         yield correlations("magnetometer", OWN_NAMES, P)
 
 
-def _thermal(name: str, found: Thermal, size: Array, unit: str) -> Values:
-    lines = []
+def _acting(name: str, found: Term, size: Array, unit: str) -> Values:
+    lines, at = [], "°C" if found.over is TEMPERATURE else "s"
+    # a drift is stated by the hour
+    unit_of_change, per_unit = ("K", 1.0) if at == "°C" else ("h", 3600.0)
     for k, (what, power) in enumerate(found.terms):
-        per = "K" if power == 1 else f"K^{power}"
-        factor = np.full(3, 1e6) if what == "scale" else size
+        per = unit_of_change if power == 1 else f"{unit_of_change}^{power}"
+        factor = per_unit**power * (1e6 if what == "scale" else size * np.ones(3))
         cells = [
             Quantity(f"{what}_{axis}/{per}", value, sd)
             for axis, value, sd in zip(
@@ -431,9 +433,9 @@ def _thermal(name: str, found: Thermal, size: Array, unit: str) -> Values:
     ]
     words = f"at either end a bias is off by {max(ends):.2g} {unit} (sd) more than at "
     return Values(
-        title=f"{name} in temperature",
-        how=f"about {found.reference:.2f} °C, seen from {found.low:.2f} to "
-        f"{found.high:.2f} °C",
+        title=f"{name} in {found.over.name}",
+        how=f"about {found.reference:.2f} {at}, seen from {found.low:.2f} to "
+        f"{found.high:.2f} {at}",
         lines=lines,
         facts=[Fact("ends", f"{words}the reference")],
     )
@@ -457,6 +459,7 @@ def _facts(whole: Any) -> Iterator[Fact]:
     yield from (Fact("cut", each) for each in (*whole.steps, *whole.cuts))
     if warm.rests is None:
         yield Fact("temperature", "not in the log")
+        yield from [Fact("drift", warm.reason)] if warm.reason else []
     else:
         yield Fact("temperature", warm.rests.line)
         for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
@@ -536,10 +539,10 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "change_within_rest_K": seen.change.tolist(),
             "reasons": list(whole.thermal_reasons),
             "confounded_with_time": str(seen.monotone or ""),
-            "sensors": {
-                name: own.as_object() for name, own in whole.taken.thermal.items()
-            },
+            "sensors": _terms_object(whole, TEMPERATURE),
         }
+    if drifts := _terms_object(whole, TIME):
+        values["drift"] = {"sensors": drifts}
     if whole.gyroscope is not None:
         values["gyroscope"] = whole.gyroscope.as_object() | {
             "G": whole.taken.G.tolist(),
@@ -561,6 +564,11 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     values["judgements"] = [each.as_object() for each in conditions(whole)]
     values["ros_imu"] = message_covariances(log, whole)
     return values
+
+
+def _terms_object(whole: Any, over: Course) -> dict[str, Any]:
+    terms = whole.taken.thermal.items()
+    return {name: own.as_object() for name, own in terms if own.over is over}
 
 
 def _magnetometer_object(fit: MagnetometerFit) -> dict[str, Any]:

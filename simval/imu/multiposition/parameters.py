@@ -458,9 +458,10 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     first, writer = WRITERS[name]
     lines = writer(name, log, whole, notes)
     for sensor, own in whole.taken.thermal.items():
-        ends = f"{own.low:.1f} to {own.high:.1f} degC, away from {own.reference:.1f}"
+        over, ends = own.over, f"{own.low:.1f} to {own.high:.1f} {own.over.at}"
         most, unit = _warm(sensor, whole)
-        notes.leave(sensor, "its terms in temperature are", most, f"{unit} at {ends}")
+        at = f"{unit} at {ends}, away from {own.reference:.1f}"
+        notes.leave(sensor, f"its terms in {over.name} are", most, at)
     notes += [f"{sensor}: {why}" for sensor, why in whole.left_out.items()]
     form = whole.accelerometer.model
     comments = [

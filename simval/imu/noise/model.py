@@ -218,13 +218,15 @@ class Largest(NamedTuple):
     value: float | None  # the largest of the axes
     bound: float | None  # the largest of the axes that show nothing
     horizon: float | None  # s, of a walk that is equivalent and not the noise's own
+    low: float = 0.0  # of the value's 95 % interval
+    high: float = np.inf
 
 
 def largest(
     axes: Sequence[AxisNoise], kind: str, scales: Float[Array, " axes"]
 ) -> Largest:
     """N or K of the three axes: the largest that is seen, and the largest bound."""
-    seen: list[tuple[float, float | None]] = []
+    seen: list[tuple[float, float | None, float, float]] = []
     bounds = []
     for axis, scale in zip(axes, scales.tolist(), strict=True):
         own = next((c for c in axis.given if c.kind == kind), None)
@@ -235,9 +237,12 @@ def largest(
         if own.value is None:
             bounds.append(scale * own.high)
         else:
-            seen.append((scale * own.value, horizon))
-    value, horizon = max(seen, key=lambda each: each[0], default=(None, None))
-    return Largest(value, max(filter(np.isfinite, bounds), default=None), horizon)
+            seen.append((scale * own.value, horizon, scale * own.low, scale * own.high))
+    bound = max(filter(np.isfinite, bounds), default=None)
+    if not seen:
+        return Largest(None, bound, None)
+    value, horizon, *interval = max(seen, key=lambda each: each[0])
+    return Largest(value, bound, horizon, *interval)
 
 
 def equivalent_words(horizon: float | None) -> str:

@@ -54,6 +54,8 @@ class Stated(NamedTuple):
         Real acceleration while moving that the noise used leaves out, m/s^2.
     rows : RowEvidence or None
         What the gyroscope's rows were taken as.
+    fits : bool
+        Whether its innovations are no larger than it states.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Stated(NamedTuple):
     square: NormalisedSquare
     motion: float
     rows: RowEvidence | None
+    fits: bool = False
 
     @property
     def times(self) -> float:
@@ -109,6 +112,11 @@ class Stated(NamedTuple):
             return ""
         if self.times < 1.0:
             return "Give {} less noise."
+        if self.fits:
+            return (
+                "The innovations of {} fit, so more noise is no cure: look at the "
+                "covariance it returns, the calibration (--calibration) and the field."
+            )
         how = f" (--accelerometer-noise {self.motion:.2g})" if self.motion else ""
         return f"Give {{}} more noise{how}, or calibrate the log first (--calibration)."
 
@@ -136,9 +144,10 @@ def stated(each: Any, *, innovations: bool = False) -> list[Stated]:
     squares = {} if truth is None else {"error": truth.nees, "drift": truth.drift}
     if truth is None or innovations:
         squares["innovations"] = each.nis
-    own = each.run.name
+    own, nis = each.run.name, each.nis
+    fits = nis is not None and nis.verdict in ("consistent", "underconfident")
     return [
-        Stated(own, of, square, each.run.motion, each.rows)
+        Stated(own, of, square, each.run.motion, each.rows, fits)
         for of, square in squares.items()
         if square is not None
     ]

@@ -5,7 +5,17 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
-from fits import CASES, Case, G, drawn, parameters, sd, taken
+from fits import (
+    CASES,
+    FIELD_STD,
+    POSE_STD,
+    Case,
+    G,
+    drawn,
+    parameters,
+    sd,
+    taken,
+)
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy import stats
@@ -13,11 +23,13 @@ from true_sensor import MODEL
 
 from simval.errors import InputError
 from simval.imu.calibrate import (
+    Recording,
     calibrate,
     load_calibration,
     local_gravity,
     save_calibration,
 )
+from simval.imu.calibrate import fit as fit_of
 from simval.imu.calibrate.comparison import compare_calibrations
 from simval.imu.calibrate.gravity import ANOMALY, RADIUS
 from simval.poses import fibonacci_sphere
@@ -110,6 +122,40 @@ def test_gravity_is_in_the_scales_alone_and_wholly(name):
     near = np.add.outer(off, off) * np.add.outer(np.abs(slope), np.abs(slope))
     assert np.all(np.abs(more - expected) <= near * (std / G) ** 2 + 1e-12 * size)
     np.testing.assert_array_equal(parameters(doubted), parameters(known))
+
+
+def test_a_known_accelerometer_brings_its_gravity_once():
+    """Poses that took the same g know nothing of its error: parameters stay."""
+    case = CASES["magnetometer, triangular"]
+    given, other = (
+        taken(drawn(case, 1, np.random.default_rng(seed)), 0) for seed in (1, 2)
+    )
+    found = []
+    for std in (0.0, 0.05):
+        own = calibrate(other["poses"], G, noise_std=POSE_STD, g_std=std)
+        recording = Recording(
+            poses=given["poses"], pose_std=POSE_STD, fields=given["fields"],
+            field_std=FIELD_STD, g=G, g_std=std,
+        )  # fmt: skip
+        found.append(fit_of(recording, known=own).magnetometer)
+    exact, doubted = found
+    off = np.abs(doubted.parameters - exact.parameters)
+    assert np.all(off < 1e-6 * exact.sd)  # rounding of a covariance less a part of it
+    more = np.sqrt(np.diagonal(doubted.covariance - exact.covariance)[3:6])
+    np.testing.assert_allclose(more, 0.05 / G * exact.parameters[3:6], rtol=1e-6)
+
+
+def test_degrees_of_freedom_are_those_of_a_sum_of_variances():
+    """Twice the square of a variance over its own variance, one part of it known."""
+    poses = drawn(Case(("poses",)), 1, np.random.default_rng(0))["poses"][0]
+    fit = calibrate(poses, G, g_std=1e-4)
+    scatter, whole = fit.with_gravity(0.0).sd ** 2, fit.sd**2
+    spread = 2.0 * scatter**2 / fit.dof  # of a variance from so many normal residuals
+    np.testing.assert_allclose(fit.freedom, 2.0 * whole**2 / spread, rtol=1e-6)
+    assert np.ptp(fit.freedom) > 1.0
+    low, high = fit.intervals.T
+    k = stats.t.ppf(0.975, fit.freedom)
+    np.testing.assert_allclose((high - low) / 2.0, k * fit.sd, rtol=1e-9)
 
 
 def test_with_gravity_and_back():

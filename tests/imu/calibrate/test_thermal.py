@@ -15,7 +15,7 @@ from made_logs import three
 from written import written
 
 from simval.cli import run
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate, save_calibration, thermal
 from simval.imu.calibrate import fit as calibrate_all
 from simval.imu.calibrate.comparison import compare_calibrations
@@ -24,11 +24,11 @@ from simval.imu.calibrate.files import load_calibration, load_thermal
 from simval.imu.calibrate.gyroscope.at_rest import bias_terms
 from simval.imu.calibrate.gyroscope.rest_effects import Rests
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
-from simval.imu.calibrate.thermal import Thermal, choose_thermal, thermal_problem
+from simval.imu.calibrate.thermal import Term, choose_thermal, thermal_problem
 from simval.imu.explain import RestMeans
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.description import conditions
-from simval.imu.sensor import forms
+from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import fibonacci_sphere
 
 G = 9.80665
@@ -335,6 +335,50 @@ def file_of(path, log, *, temperature=True):
     return str(written(path, header, log.time, log.accelerometer, log.gyro, *more))
 
 
+@pytest.mark.parametrize("kind", ["bias", "scale"])
+def test_a_drift_is_taken_into_the_fit_as_it_is_advised(kind, tmp_path, simval):
+    """Refused with the option, accepted with it, and right at the time it states."""
+    rec = three(1, turning=False)
+    law = {1: np.array([9e-4, -6e-4, 4e-4])}, {1: np.array([6e-5, 0.0, 3e-5])}
+    beta, kappa = [x if kind == what else NONE for what, x in
+                   zip(("bias", "scale"), law, strict=True)]  # fmt: skip
+    true, tau = rec.accelerometer, rec.log.time - 40.0
+    rows = read(rec.log.accelerometer - true.B, tau, true.B, beta, kappa)
+    log = replace(rec.log, accelerometer=rows, magnetometer=None)
+    path, out = file_of(tmp_path / "log.csv", log, temperature=False), tmp_path / "c"
+    code, _, err = simval("calibrate", path)
+    assert code == 3
+    assert "take the drift into the fit (--drift)" in " ".join(err.split())
+    code, said, err = simval("calibrate", path, "--drift", "--out", out)
+    assert code == 0, err
+    assert "accelerometer in time" in said
+    found = json.loads(out.read_text())["drift"]["sensors"]["accelerometer"]
+    assert found["terms"] == [[kind, 1]]
+    away, fit = found["reference_s"] - 40.0, load_calibration(out)
+    sign = 1.0 if kind == "bias" else 1.0 + law[1][1] * away
+    slope = law[0][1] if kind == "bias" else law[1][1] / sign
+    here = AccelerometerModel(
+        T=true.T, K=true.K * (sign if kind == "scale" else 1.0),
+        B=true.B + (law[0][1] * away if kind == "bias" else 0.0),
+    ).parameters  # fmt: skip
+    # twelve numbers of Student's t with a dozen degrees of freedom
+    pulls = (fit.parameters - here) / fit.sd
+    terms = (found["coefficients"] - slope) / np.array(found["sd"])
+    assert max(np.abs(pulls).max(), np.abs(terms).max()) < 6.0
+
+
+def test_a_drift_that_is_not_there_changes_nothing():
+    log = three(0, turning=False).log
+    found, plain = calibrate_log(log, drift=True), calibrate_log(log)
+    assert found.warm.thermal is None
+    assert "no drift is taken into the fit" in str(found.warm.reason)
+    np.testing.assert_array_equal(found.fit.parameters, plain.fit.parameters)
+    with pytest.raises(InputError, match="leave its column out"):
+        calibrate_log(replace(log, temperature=log.time), drift=True)
+    with pytest.raises(InputError, match="least squares"):
+        calibrate_log(log, drift=True, loss="cauchy")
+
+
 @pytest.mark.ci
 def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     rec = three(0, turning=False)
@@ -430,7 +474,7 @@ def test_two_files_are_compared_at_one_temperature_that_both_have_seen(seed, tmp
     laws, slopes = [], rng.choice([-1.0, 1.0], (2, 3)) * rng.uniform(1e-3, 3e-3, (2, 3))
     for k, (low, high) in enumerate(ranges):
         end = (low, high)[seed // 3]  # T_0 of both is nearer to the same end
-        own = Thermal(
+        own = Term(
             reference=end + 0.1 * (0.5 * (low + high) - end), low=low, high=high,
             terms=(("bias", 1),), coefficients=slopes[k : k + 1],
             covariance=np.diag(rng.uniform(1e-5, 1e-4, 3)) ** 2, centre=fit.B, dof=9,
@@ -633,7 +677,7 @@ def test_shifts_are_a_root_of_what_the_terms_leave_in_readings(seed):
     terms = thermal.TERMS
     A = 1e-3 * rng.standard_normal((12, 12)) * np.exp(rng.normal(size=(12, 1)))
     values, centre = 1e-3 * rng.standard_normal((4, 3)), rng.standard_normal(3)
-    own = thermal.Thermal(
+    own = thermal.Term(
         reference=25.0, low=15.0, high=35.0, terms=terms, coefficients=values,
         covariance=A @ A.T, centre=centre, dof=9,
     )  # fmt: skip

@@ -193,6 +193,8 @@ def test_a_field_that_deviates_does_not_turn_the_truth_over():
     assert north(done).exchanged == ("right and follows",)
     assert north(other).exchanged == ("follows and right",)
     assert "right and follows change places" in filters_account(done).replies[0].do
+    assert "How wrong is right?" in str(done[0])
+    assert "How wrong is right?" in done[0]._repr_html_()
     (wrong, _) = filters_account(other).replies
     assert wrong.answer == "inconclusive"
     assert "Cannot rank follows and right" in wrong.headline

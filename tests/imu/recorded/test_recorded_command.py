@@ -64,7 +64,7 @@ def test_errors_in_a_table(folder, capsys):
     assert sum(parts) == pytest.approx(good["rms"]["all"]["total"]["value"] ** 2, 1e-3)
     assert found["truth"]["scalar"] == "last"
     assert abs(found["truth"]["offset"]["value"]) < 4.0 * found["truth"]["offset"]["sd"]
-    for line in ("bold is ", "Give bold more noise", "RMS error"):
+    for line in ("bold is ", "The innovations of bold fit", "RMS error"):
         assert line in printed.out
     answers = {each["question"]: each["answer"] for each in found["answers"]}
     assert answers["Can their covariances be trusted?"] == "fail"

@@ -33,7 +33,7 @@ from simval.imu.calibrate.gyroscope.rest_effects import (
 from simval.imu.calibrate.path_statistics import ramps
 from simval.imu.calibrate.recording import Bias
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT, RestTemperatures
-from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.thermal import Term
 from simval.shapes import Float
 
 _SHARES: Final = 31  # of the walk in the scatter that are tried, a factor 1.6 apart
@@ -174,7 +174,7 @@ def choose_sensitivity(
 class BiasTerms(NamedTuple):
     """What the bias owes to the temperature, as columns of the rests and the rows."""
 
-    thermal: Thermal | None
+    thermal: Term | None
     reason: str
     shape: Float[Array, "c c"]  # covariance of B and the terms over N^2
     at_rest: Float[Array, "n d"]  # powers of the temperature, no column without terms
@@ -227,7 +227,7 @@ def bias_terms(
     shape = _shape(rests, X, walk, drift)[np.ix_(own, own)] / np.outer(unit, unit)
     each = fit.covariance[:, 4:, 4:] / np.outer(size[:kept], size[:kept])
     covariance = np.einsum("ajk,ab->jakb", each, np.eye(3))
-    thermal = Thermal(
+    thermal = Term(
         reference=seen.reference, low=seen.low, high=seen.high,
         terms=(("bias", 1), ("bias", 2))[:kept],
         coefficients=fit.coefficients[4:] / size[:kept, None],

@@ -21,7 +21,7 @@ from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.calibrate.path_statistics import inter_rest_rotations, taken
 from simval.imu.calibrate.recording import Recording
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT
-from simval.imu.calibrate.thermal import TERMS, Thermal
+from simval.imu.calibrate.thermal import TERMS, Term
 from simval.shapes import Float
 from simval.text import chance_words
 
@@ -29,7 +29,7 @@ from simval.text import chance_words
 class Gain(NamedTuple):
     """What the scale of a gyroscope owes to temperature."""
 
-    thermal: Thermal | None = None  # terms of its bias among them
+    thermal: Term | None = None  # terms of its bias among them
     reason: str = ""
     rows: Any = None  # with the scale at the reference
     covariance: Any = None  # of M by that of the terms, (9, 9)
@@ -111,7 +111,7 @@ def _whitening(recording: Recording, M: Float[Array, "1 3 3"]) -> Float[Array, "
 def _with_scale(
     warm: BiasTerms, kappa: Float[Array, "3"], own: Float[Array, "3 3"],
     centre: Float[Array, "3"], dof: int,
-) -> Thermal:  # fmt: skip
+) -> Term:  # fmt: skip
     # the terms of bias and scale, whose errors are independent: of rests and rotations
     bias, seen = warm.thermal, warm.seen
     assert seen is not None
@@ -123,7 +123,7 @@ def _with_scale(
     if bias is not None:
         values[~scale] = bias.coefficients.ravel()
         covariance[np.ix_(~scale, ~scale)] = bias.covariance
-    return Thermal(
+    return Term(
         reference=seen.reference, low=seen.low, high=seen.high, terms=terms,
         coefficients=values.reshape(-1, 3), covariance=covariance, centre=centre,
         dof=dof if bias is None else min(dof, bias.dof),
