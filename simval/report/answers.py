@@ -5,6 +5,7 @@ of what it is allowed (`simval.verdict.shares`), of those in which chance has a 
 of those that fail.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -13,11 +14,12 @@ import numpy as np
 
 from simval.change import question
 from simval.judge.causes import off
-from simval.judge.findings import WORDS
+from simval.judge.findings import WORDS, rounded_up
 from simval.judge.result_lines import changed_words, runs_account
 from simval.judge.steps import Move, moved
 from simval.report.formatting import begun
 from simval.report.section import Against, Context
+from simval.results import Row
 from simval.spelling import counted, measured, rounded, whole
 from simval.sweep import Run
 from simval.verdict import Answer, Verdict, shares, worst
@@ -123,6 +125,16 @@ def beyond(verdict: Verdict) -> str:
     return f"{distance:.1f} standard errors"
 
 
+def size_of(row: Row) -> str:
+    """A failing row in words: how many times what is due, where chance is involved."""
+    error, due = row.standard_error, row.prediction or 0.0
+    if row.check == "limit" or not due > 0.0 or not 0.0 < error < np.inf:
+        return off(row)
+    of = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
+    times = measured(row.value / due, error / due)
+    return f"{row.statistic.family.words}{of} is {times} times what is expected"
+
+
 def not_passed(verdicts: Sequence[Verdict]) -> str:
     """What does not pass of a study, in one sentence; empty if all does."""
     total = sum(not v.wide for v in verdicts)
@@ -133,9 +145,14 @@ def not_passed(verdicts: Sequence[Verdict]) -> str:
     if far is not None:
         verb = "fails" if failing == 1 else "fail, most"
         said.append(f"{whole(failing)} of {counted(total, 'check')} {verb}: "
-                    f"{off(far.row)}")  # fmt: skip
+                    f"{size_of(far.row)}")  # fmt: skip
     if unclear:
-        said.append(f"{whole(unclear)} of {counted(total, 'check')} cannot be judged")
+        times = [v.more for v in verdicts if v.more == v.more]
+        need = f": {rounded_up(max(times))} times as many trials would do"
+        said.append(
+            f"{whole(unclear)} of {counted(total, 'check')} cannot be judged"
+            f"{need if times else ''}"
+        )
     return f"{begun('; '.join(said))}." if said else ""
 
 
@@ -199,7 +216,7 @@ def _from_baseline(context: Context, baseline: Mapping[str, Any]) -> Change:
     ]
     said = "; ".join([f"{words} since the baseline", *others])
     answer = worst(each.answer for each in judged.comparisons)
-    return Change(f"{said}.", answer, judged.environment, moves)
+    return Change(f"{said}.", answer, _short(judged.environment), moves)
 
 
 def _from_run(context: Context, against: Against) -> Change:
@@ -208,6 +225,10 @@ def _from_run(context: Context, against: Against) -> Change:
     account = runs_account(against.run, context.run, found)
     reply, name = account.replies[0], against.run.folder.name
     words = reply.headline.removeprefix("Yes: ").rstrip(".")
-    return Change(
-        f"{words} (against {name}).", reply.answer, found.environment, found.moves
-    )
+    differs = _short(found.environment)
+    return Change(f"{words} (against {name}).", reply.answer, differs, found.moves)
+
+
+def _short(differs: Sequence[str]) -> list[str]:
+    """Differences with the first digits of each digest."""
+    return [re.sub(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b", r"\1", x) for x in differs]

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.algorithms import algorithm_of
-from simval.judge.causes import advice, off, sound, why
+from simval.judge.causes import advice, sound, why
 from simval.judge.findings import reproduce
 from simval.report.algorithms import own
-from simval.report.answers import beyond, farthest
+from simval.report.answers import beyond, farthest, size_of
 from simval.report.findings import places
 from simval.report.formatting import begun, spelled
 from simval.report.section import Context
@@ -51,7 +51,7 @@ def reason(context: Context) -> Reason | None:
         who = one_line(algorithm_of(cell))
     look = advice(far.cell.study, far.row.statistic.family.name)
     return Reason(
-        f"{who}: {off(far.row)}.",
+        f"{who}: {size_of(far.row)}.",
         look=f"{begun(look)}." if look else "",
         command=reproduce(far.cell, context.folder),
     )

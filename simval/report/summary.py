@@ -24,16 +24,18 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import Figure, Headline, Quote
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
+from simval.judge.algorithms import algorithm_of
 from simval.judge.gate import outcome
 from simval.judge.result_lines import gate_account
 from simval.judge.runs import origin_of
-from simval.report.algorithms import has_user_code, lines_of_algorithms
+from simval.report.algorithms import has_user_code, lines_of_algorithms, own
 from simval.report.answers import (
     Number,
     changes,
     in_order,
     number_of,
 )
+from simval.report.checks import FIRST, failing_figures
 from simval.report.comparison import moves_table
 from simval.report.curves import PREFERRED, numeric, spans, varying
 from simval.report.failing import FAILING, failing_table, reason
@@ -51,6 +53,8 @@ from simval.statistics import (
     CRAMER_RAO,
     LEADING_ERROR_RATIO,
     LIMIT_RATIO,
+    NEES,
+    NIS,
     REST_FORCE,
     RMS,
     RMS_OVER_BOUND,
@@ -62,6 +66,7 @@ from simval.statistics import (
 )
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
+from simval.text import one_line
 from simval.units import DEGREE, MILLIRADIAN
 
 # ---- what a cell says
@@ -369,6 +374,8 @@ def key_numbers(
     algorithms = lines_of_algorithms(context)
     numbers = [line.number for line in algorithms if line.number][:MOST]
     settings = [f"{each.what}: {each.where}" for each in algorithms if each.number]
+    if len(numbers) < OF_FIRST:
+        numbers += _of_own(context)
     others = {
         study: each
         for study, each in told.items()
@@ -386,6 +393,40 @@ def key_numbers(
         settings.append(f"{begun(spelled(study))}: {place}")
         most = 1
     return numbers, settings
+
+
+def _of_own(context: Context) -> list[Number]:
+    """More of a user's algorithm: whether it is as it states, and its error."""
+    failed = {v.cell for v in context.verdicts if v.answer == "fail"}
+    cells = [
+        cell
+        for cell in context.run.cells
+        if cell.study in OF_ALGORITHMS and cell.rows and own(algorithm_of(cell))
+    ]
+    cell = next((c for c in cells if c.named in failed), next(iter(cells), None))
+    if cell is None:
+        return []
+    name = one_line(algorithm_of(cell))
+    numbers = [
+        number_of(
+            ", ".join((name, row.statistic.family.words, *row.statistic.entries)),
+            *(row.value, row.standard_error),
+            beside=f"due {rounded(row.prediction, 3)}",
+        )
+        for family in (NEES, NIS)
+        for row in cell.rows
+        if row.statistic.family == family
+        and not row.statistic.controlled
+        and row.prediction is not None
+    ]
+    headline = STUDIES[cell.study].headline
+    reading = headline and of_headline(headline, cell)
+    study = begun(spelled(cell.study))
+    more = [
+        each._replace(label=f"{name}, error{each.label.removeprefix(study)}")
+        for each in (reading.numbers if reading else ())
+    ]
+    return [*numbers, *more][: MOST - 1]
 
 
 # ---- section
@@ -418,14 +459,14 @@ def summary_section(context: Context) -> Section | None:
     sampled = sum(v.p_value is not None and not v.wide for v in judged.verdicts)
     total = judged.counts.total()
     return made(
-        () if has_user_code(context.run) else figures(context),
+        first_figures(context),
         [*([table] if table else []), *moves],
         answer=judged.answer,
         headline=due.said if due else f"{begun(first)}.",
         notes=[
             f"{begun(outcome(judged) if due else rest)}." if due or rest else "",
             context.part.said if context.part else "",
-            gate_account(judged).replies[0].do,
+            "" if due else gate_account(judged).replies[0].do,
         ],
         reason=due,
         numbers=numbers,
@@ -486,9 +527,17 @@ def figures(context: Context) -> list[Drawing]:
     return shown_of(context, "summary")[0] if asked is None else [asked]
 
 
+def first_figures(context: Context) -> list[Drawing]:
+    """Figures of the first screen: of what fails, else of the package's algorithms."""
+    return failing_figures(context)[:FIRST] or (
+        [] if has_user_code(context.run) else figures(context)
+    )
+
+
 def overview_section(context: Context) -> Section | None:
-    """The two figures of the first screen, where a user's algorithms are there."""
-    drawings = figures(context) if has_user_code(context.run) else []
-    if not drawings:
+    """The package's own figures, where others are on the first screen."""
+    drawings = figures(context)
+    names = {drawing.name for drawing in first_figures(context)}
+    if not drawings or names & {drawing.name for drawing in drawings}:
         return None
     return made(drawings)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rows_by_name
 import small_runs
 from scipy import stats
 from snapshots import same
@@ -200,6 +201,42 @@ def test_the_closest_check_is_that_of_least_room(tmp_path):
         assert (line.answer == "fail") == (share > 1.0)
 
 
+def test_a_filter_that_fails_opens_with_the_reason_that_check_finds(tmp_path):
+    """Three numbers of its own, what is not wrong, and the figure of what fails."""
+    run, cells = small_runs.own_filter(tmp_path / "run"), []
+    for cell in run.cells:
+        times = 2.25 if cell.parameters["algorithm"] == "mine.py" else 1.0
+        rows = [
+            small_runs.row("rms", "Cramer-Rao", 0.01, 1.0, 0.05, 64, unit="rad"),
+            rows_by_name.row("rms_over_bound", 1.0, standard_error=0.05, n=64),
+            small_runs.row("nees", "chi-square", 3.0, times, 0.05, 512, check="nees"),
+            small_runs.row("nis", "chi-square", 6.0, 1.0, 0.01, 512, check="nees"),
+            *(
+                small_runs.row(f"nees_at[{t}]", "", 3.0, off, 0.05, 512)
+                for t in range(1, 11)
+                # of all instants only from the fourth on
+                for off in [times if t > 3 else 1.0]
+            ),
+        ]
+        cells.append(replace(cell, rows=tuple(rows)))
+    run = replace(run, cells=tuple(cells))
+    section, _ = first_screen(run)
+    reason = section.values["reason"]
+    assert section.values["answer"] == "fail"
+    size = f"{1.5:.3f} ± {0.05 / 2.0 / 1.5:.3f}"  # the root of 2.25, and its error
+    assert reason.said.startswith(
+        f"mine.py: overconfident: its errors are {size} times"
+    )
+    assert f"since 4 s they are not what it states, and {size} times" in reason.said
+    assert "Not wrong: its error (1.000 ± 0.050 times the bound)" in reason.more
+    assert "the noise that it has for the gyroscope is too small" in reason.look
+    assert reason.command == "simval check mine.py"
+    told = {n.label: (n.value, n.beside) for n in section.values["numbers"]}
+    assert told["mine.py, normalised squared error"] == ("6.75", "due 3")
+    assert 3 <= len(told) <= 5
+    assert [drawing.name for drawing in section.drawings] == ["failing-time"]
+
+
 def chapters(page):
     """Whether each chapter is open."""
     pattern = r'<details class="chapter"( open)?>\s*<summary><h3 id="(.*?)-title">'
@@ -210,9 +247,8 @@ def test_a_chapter_is_open_where_something_is_wrong_and_only_there(tmp_path):
     run = small_runs.failing(tmp_path / "run")
     cells = [c for c in run.cells if c.parameters.get("poses", 12) == 12][:4]
     found = chapters(render(small_runs.run_of(tmp_path / "run", cells)))
-    assert {name for name, is_open in found.items() if is_open} == {
-        "calibration", "disagreements",
-    }  # fmt: skip
+    opened = {name for name, is_open in found.items() if is_open}
+    assert opened == {"calibration", "disagreements"}
     run = small_runs.question(tmp_path / "run")
     assert not any(chapters(render(run)).values())
     folds = re.findall(r"<details[^>]*>", render(run, opened=True))
