@@ -66,6 +66,28 @@ def simval_filter(pytestconfig: pytest.Config) -> Check:
     return _judging("Filter", pytestconfig)
 
 
+@pytest.fixture(scope="session")
+def simval_audit() -> Check:
+    """Judge a simulated IMU: ``simval_audit(imu, lever=(0, 0, 0))``.
+
+    `imu` is a `simval.imu.audit.SimulatedImu`; keywords are what `Declared` has, and
+    ``only``, ``alpha`` of `simval.imu.audit.audit`. What the motion does not tell
+    fails, too, unless ``only`` leaves it out.
+    """
+
+    def check(imu: Any, /, *, only: Any = (), alpha: float = 1e-3, **words: Any) -> Any:
+        __tracebackhide__ = True
+        from simval.imu.audit import Declared, audit
+
+        found = audit(imu, Declared(**words), only=only, alpha=alpha)
+        if found.exit_code:
+            pytest.fail(str(found), pytrace=False)
+        print(found)  # noqa: T201, for pytest's -rP and -s
+        return found
+
+    return check
+
+
 def _judging(kind: str, config: pytest.Config) -> Check:
     def check(function: Any, /, **words: Any) -> Any:
         __tracebackhide__ = True

@@ -5,6 +5,7 @@ only rounding is 0. A chance is ``p = 0.59``, and a small one ``p < 0.001``: its
 says more than its digits. JSON and CSV have every digit instead.
 """
 
+from collections.abc import Iterable
 from math import inf, isfinite
 from typing import Final
 
@@ -80,6 +81,12 @@ def whole(count: int) -> str:
 def counted(count: int, noun: str, plural: str = "") -> str:
     """A count with its noun in the number that agrees, as ``1 cell`` or ``2 cells``."""
     return f"{whole(count)} {noun if count == 1 else plural or f'{noun}s'}"
+
+
+def series(names: Iterable[str]) -> str:
+    """Names in a sentence, as ``a, b and c``."""
+    *first, last = [*names] or [""]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def duration(seconds: float) -> str:

@@ -33,6 +33,8 @@ TARGETS: Final = get_args(Target)
 """Projects for which a calibration is written as parameters."""
 TruthWorld = Literal["NED", "ENU", "NWU", "estimated"]
 """Worlds that a recorded truth may have."""
+PoseTurns = Literal["body-to-world", "world-to-body"]
+"""What a recorded quaternion turns, in SciPy's sense of a rotation."""
 RowKind = Literal["before", "instant", "after"]
 ROW_KINDS: Final[tuple[RowKind, ...]] = get_args(RowKind)
 GyroRows = Literal["found", "before", "instant", "after"]

@@ -62,7 +62,7 @@ REPLIES = st.builds(
 ACCOUNTS = st.builds(
     Account, title=st.just("Result of"), source=WORDS, said=WORDS,
     replies=st.lists(REPLIES, max_size=3), values=st.lists(VALUES, max_size=2),
-    notes=st.lists(st.builds(Note, words=WORDS), max_size=1), facts=FACTS,
+    notes=st.lists(st.builds(Note, words=WORDS), max_size=1), facts=FACTS, record=FACTS,
 )  # fmt: skip
 
 
@@ -77,7 +77,7 @@ TANGLED = " ".join(["0", *["<" + 11 * "0"] * 5])
 def test_every_face_has_every_answer_number_and_warning(account):
     check_faces(account)
     everything = bare("\n".join(lines(account, verbose=True)))
-    facts = [*account.facts, *(x for v in account.values for x in v.facts)]
+    facts = [*account.all_facts, *(x for v in account.values for x in v.facts)]
     for words in (
         *(each.words for each in facts),
         *(line for reply in account.replies for line in reply.lines),

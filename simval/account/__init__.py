@@ -196,6 +196,12 @@ class Account:
     values: Sequence[Values] = ()
     notes: Sequence[Note] = ()  # shown on request
     facts: Sequence[Fact] = ()  # what was read, and how
+    record: Sequence[Fact] = ()  # of whom, when, of what and by what method it is
+
+    @property
+    def all_facts(self) -> tuple[Fact, ...]:
+        """What was read, and then the record."""
+        return (*self.facts, *self.record)
 
     @property
     def name(self) -> str:
@@ -210,7 +216,7 @@ class Account:
     @property
     def warnings(self) -> tuple[Fact, ...]:
         """What no face may leave out beside the answers."""
-        every = [self.facts, *(each.facts for each in self.values)]
+        every = [self.all_facts, *(each.facts for each in self.values)]
         return tuple(fact for facts in every for fact in facts if fact.notable)
 
     def as_object(self) -> dict[str, Any]:

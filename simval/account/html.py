@@ -12,7 +12,7 @@ COLOURS = {"pass": "#118844", "inconclusive": "#8a6500", "fail": "#cc0022"}
 def fragment(account: Account) -> str:
     """Answers and numbers; what they rest on is behind a fold."""
     parts = [f"<p><b>{escape(account.name)}</b> {escape(account.said)}</p>"]
-    parts += _warnings(account.facts)
+    parts += _warnings(account.all_facts)
     for reply in account.replies:
         mark = f'<b style="color:{COLOURS[reply.answer]}">{MARKS[reply.answer]}</b>'
         words = escape(f"{reply.headline} {reply.do}".strip())
@@ -22,7 +22,7 @@ def fragment(account: Account) -> str:
         parts += [] if values.folded else [_table(values, seen)]
         parts += _warnings(values.facts)
     rests = [each for reply in account.replies for each in reply.lines]
-    rests += [f"{label}: {words}" for label, words, _ in account.facts]
+    rests += [f"{label}: {words}" for label, words, _ in account.all_facts]
     hidden = [(values, [each for each in values.lines if not each.notable])
               for values in account.values]  # fmt: skip
     more = "".join(_table(*each) for each in hidden if each[1])

@@ -11,7 +11,7 @@ def text(account: Account) -> str:
     """The answers and the numbers; what they rest on is behind a fold."""
     found = [f"### {safe(account.name)}", ""]
     found += [safe(account.said), ""] if account.said else []
-    found += _warnings(account.facts)
+    found += _warnings(account.all_facts)
     for reply in account.replies:
         words = f"{reply.headline} {reply.do}".strip()
         found.append(f"- {MARKS[reply.answer]} **{safe(reply.title)}** {safe(words)}")
@@ -22,7 +22,7 @@ def text(account: Account) -> str:
             found += _table(values, [each for each in values.lines if each.notable])
         found += ["", *_warnings(values.facts)]
     rests = [each for reply in account.replies for each in reply.lines]
-    rests += [f"{label}: {words}" for label, words, _ in account.facts]
+    rests += [f"{label}: {words}" for label, words, _ in account.all_facts]
     tables = [_table(values, [each for each in values.lines if not each.notable])
               for values in account.values]  # fmt: skip
     if rests or any(tables):

@@ -55,7 +55,7 @@ def lines(
     found = [style(line, "title") for line in folded(account.name, width, 0)]
     found += folded(account.said, width, 2)
     if not verbose:
-        found += _facts([each for each in account.facts if each.notable], width)
+        found += _facts([each for each in account.all_facts if each.notable], width)
     for reply in account.replies:
         found += ["", *_reply(reply, width, style, verbose=verbose)]
     for values in account.values:
@@ -65,8 +65,8 @@ def lines(
             found += _facts([each for each in values.facts if each.notable], width)
     for note in account.notes if verbose else ():
         found += ["", *_note(note, width)]
-    if verbose and account.facts:
-        found += ["", *_facts(account.facts, width)]
+    if verbose and account.all_facts:
+        found += ["", *_facts(account.all_facts, width)]
     return found
 
 

@@ -135,7 +135,7 @@ def _plugin(
     cells = checked.of(plugin)
     done = [cell for cell in cells if cell.status == "done"]
     bad = _distinct(findings(result, passes=False))
-    causes = why(cells) if study == "filter" and result.answer == "fail" else []
+    causes = why(cells) if study == "filter" and bad else []
     ends = [_said(f) for f in bad
             if not f.statistic and (f.cell.name or not result.unfinished)]  # fmt: skip
     rows = [_off(f, checked) for f in bad if f.statistic]

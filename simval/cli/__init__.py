@@ -30,6 +30,7 @@ COMMANDS = (
     ("correct", "Apply a calibration to a log."),
     ("noise", "Measure the noise of sensors at rest, from a log."),
     ("filter", "Run attitude filters over a log and measure their errors."),
+    ("audit", "Judge a simulated IMU: is it what an ideal sensor would read?"),
     ("tell", "Say what noise a filter should be given, and what it then achieves."),
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a scene and write its readings or a picture."),

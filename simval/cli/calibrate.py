@@ -234,7 +234,7 @@ def command(
         if evidence is not None and evidence.rows != log.gyro_rows:
             log = replace(log, gyro_rows=evidence.rows)
             whole = all_of(log, result)
-    account = with_log(whole.account, log, (*record, *row_facts(evidence)))
+    account = with_log(whole.account, log, row_facts(evidence), record)
     if out is not None or as_json:
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
         written |= {"gyro_rows": rows_object(evidence), "labels": labels}
@@ -341,7 +341,7 @@ def without_rests(
             del options["residual"], options["loss"]
             fitted = partial(calibrate, **options)
             found = calibrate_turned(log, fitted, field=how["field"])
-    account = with_log(found.account, log, record, means=means)
+    account = with_log(found.account, log, record=record, means=means)
     written = found.as_object(log) | {"labels": labels} | account.as_object()
     if out is not None:
         write_json(out, written)

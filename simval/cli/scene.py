@@ -13,6 +13,7 @@ from simval.cli.options import (
     AsJson,
     GyroDelay,
     OutFile,
+    Positive,
     Whole,
     declared,
     refuse_if,
@@ -22,7 +23,7 @@ from simval.cli.options import (
 from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.text import did_you_mean
-from simval.vocabulary import RowKind
+from simval.vocabulary import PoseTurns, RowKind
 
 if TYPE_CHECKING:
     from simval.imu.logs import Rows
@@ -35,6 +36,27 @@ COMMON = ("site_offset", "timestep", "integrator")
 @declared("scene")
 def command(
     name: Annotated[str, dict(shell_complete=scenes)] = "gimbal",
+    poses: Annotated[
+        Path | None,
+        "Follow recorded poses instead of a scene: a file of TUM's or EuRoC's form, or "
+        "CSV; needs --out.",
+        dict(name="--trajectory"),
+    ] = None,
+    pose_columns: Annotated[
+        str | None,
+        "The columns of --trajectory in their order, as t,px,py,pz,qx,qy,qz,qs.",
+        dict(name="--trajectory-columns", metavar="NAMES"),
+    ] = None,
+    turns: Annotated[
+        PoseTurns,
+        "What a quaternion of --trajectory turns.",
+        dict(name="--trajectory-turns"),
+    ] = "body-to-world",
+    rate: Annotated[
+        Positive | None,
+        "Rows per second along --trajectory.  [default: that of the poses]",
+        dict(metavar="HZ"),
+    ] = None,
     sensor: Annotated[
         Path | None,
         "TOML or JSON file that describes the accelerometer (T, K, B, noise and other "
@@ -73,8 +95,10 @@ def command(
     """Simulate the scene NAME and write its readings, or a picture of it.
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
-    of a Python file with a Scene. --out writes a test signal for any calibrator: a log
-    with the raw readings of accelerometer, gyroscope and magnetometer, and their truth.
+    of a Python file with a Scene; or recorded poses are followed (--trajectory), by a
+    smooth path with exact rates and forces at any instant. --out writes a test signal
+    for any calibrator: a log with the raw readings of accelerometer, gyroscope and
+    magnetometer, and their truth.
     """
     from simval.imu.logs import Rows
     from simval.imu.sensor import load_imu
@@ -89,7 +113,8 @@ def command(
         stated("seconds") and picture is None,
         "`--seconds` is the length of what `--render` writes; give that file too",
     )
-    parameters = parsed(name, settings)
+    along = _along(poses, pose_columns, turns, rate, out, settings, picture)
+    parameters = {} if along else parsed(name, settings)
     imu = None if sensor is None else load_imu(sensor)
     refuse_if(
         sensor is not None and out is None,
@@ -105,7 +130,7 @@ def command(
         "too",
     )
     rows = Rows(kind=gyro_rows, delay=1e-3 * gyro_delay)
-    trajectory = simulate(name, **parameters)
+    trajectory = along or simulate(name, **parameters)
     readings = None if imu is None else read(imu, trajectory, every, seed, rows)
     if out is not None:
         write_signal(out, trajectory, readings, every, rows)
@@ -114,10 +139,51 @@ def command(
     if as_json:
         click.echo(json.dumps(dict(trajectory.provenance), default=_plain))
         return
-    say([*described(trajectory), *stopped(readings)])
+    lines = _path_lines(along) if along else described(trajectory)
+    say([*lines, *stopped(readings)])
     for path in (out, picture):
         if path is not None:
             click.echo(f"written   {path}")
+
+
+def _along(
+    poses: Path | None,
+    columns: str | None,
+    turns: PoseTurns,
+    rate: float | None,
+    out: Path | None,
+    settings: tuple[str, ...],
+    picture: Path | None,
+) -> Trajectory | None:
+    # along recorded poses
+    if poses is None:
+        refuse_if(
+            columns is not None or rate is not None or stated("turns"),
+            "`--trajectory-columns`, `--trajectory-turns` and `--rate` are of recorded "
+            "poses; give them (--trajectory FILE)",
+        )
+        return None
+    refuse_if(
+        stated("name") or bool(settings) or picture is not None,
+        "`--trajectory` stands for a scene; leave out its name, --set and --render",
+    )
+    refuse_if(out is None, "`--trajectory` is for what `--out` writes; give that too")
+    from simval.scene.recorded_path import recorded_trajectory
+
+    return recorded_trajectory(poses, rate, columns, turns)
+
+
+def _path_lines(trajectory: Trajectory) -> list[str]:
+    source = trajectory.provenance
+    return [
+        f"poses     {source['poses']}: {source['rows']} at "
+        f"{source['pose_rate']:.6g} Hz",
+        f"rows      {len(trajectory.time)} at {trajectory.rate:g} Hz, "
+        f"{trajectory.time[-1]:.3f} s",
+        f"between   splines of degree 7; degree 5 changes the specific force by "
+        f"{source['force_error']:.2g} m/s^2 and the rate by "
+        f"{source['rate_error']:.2g} rad/s, root mean square",
+    ]
 
 
 def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -22,6 +23,7 @@ from simval.cli.options import (
     declared,
     refuse_if,
     refusing,
+    unit_words,
     write,
 )
 from simval.cli.outputs import Output
@@ -44,6 +46,8 @@ EARTH = (9.80665, (2e-5, 0.0, -4e-5))
 """m/s^2 and T of a motion that has neither: the standard's, and the scenes' field."""
 STRONGEST = 1e-2
 """T: a field of a log that is stronger is in another unit, and of unknown strength."""
+LARGEST = 1e6
+"""Of an error that is stated, SI: what is more is in another unit."""
 NOTHING = 1e-3
 """Of a size of which only a bound is known, at the low end of its interval."""
 
@@ -117,12 +121,16 @@ def command(
     ] = 2.0,
     rate: Annotated[
         Positive | None,
-        "Rows per second of the filter.  [default: 100, or those of the motion if "
-        "they are fewer]",
+        "Rows per second of the filter, and of a log that has no clock.  [default: "
+        "100, or those of the motion if they are fewer]",
         dict(metavar="HZ"),
     ] = None,
     columns: Columns = None,
     instance: Instance = None,
+    accelerometer_unit: Annotated[
+        str | None, unit_words("accelerometer"), dict(metavar="UNIT")
+    ] = None,
+    gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
     start: From = None,
     stop: Until = None,
     to: Annotated[
@@ -161,7 +169,8 @@ def command(
     from simval.theory.filter_advice import filter_advice
 
     errors = sheet_errors(scale_error, misalignment, bias_error)
-    log = dict(columns=columns, instance=instance, start=start, stop=stop)
+    log = dict(columns=columns, instance=instance, start=start, stop=stop, rate=rate,
+               units=(accelerometer_unit, gyro_unit))  # fmt: skip
     courses = [
         course_of(word, calibration, log).taken(rate or 100.0, MOST_ROWS // len(motion))
         for word in motion
@@ -243,9 +252,9 @@ def by_sensor(option: str, words: Sequence[str]) -> dict[str, float]:
             value = -1.0
         names = SENSORS if not name and option != "--bias-error" else (name,)
         refuse_if(
-            not set(names) <= set(SENSORS) or not 0.0 <= value < float("inf"),
-            f"`{option}` is {word!r}; give a number of 0 or more with its sensor, "
-            f"as gyroscope=0.01; there are {', '.join(SENSORS)}",
+            not set(names) <= set(SENSORS) or not 0.0 <= value <= LARGEST,
+            f"`{option}` is {word!r}; give a number from 0 to {LARGEST:g} with its "
+            f"sensor, as gyroscope=0.01; there are {', '.join(SENSORS)}",
         )
         found |= dict.fromkeys(names, value)
     return found
@@ -339,7 +348,10 @@ class Course(NamedTuple):
 
         k = max(1, round(self.rate / rate))
         time, q = self.time[::k], self.attitude[::k]
-        felt = None if self.felt is None else self.felt[k - 1 :: k]
+        felt = self.felt
+        if felt is not None and k > 1:  # the mean, as of the noise of these rows
+            rows = (len(time) - 1) * k
+            felt = felt[:rows].reshape(-1, k, 3).mean(axis=1)
         turn = np.linalg.norm(
             rotation_vector(compose(conjugate(q[:-1]), q[1:])), axis=1
         )
@@ -358,6 +370,7 @@ def course_of(word: str, calibration: Path | None, how: dict[str, Any]) -> Cours
     """A scene, a log, or a file of attitudes."""
     from simval.geometry import attitude_matrix
     from simval.imu.logs import read_log
+    from simval.imu.logs.truth import quaternion_stems
     from simval.scene import simulate_cached
 
     if word in SCENES:
@@ -365,28 +378,44 @@ def course_of(word: str, calibration: Path | None, how: dict[str, Any]) -> Cours
         up = attitude_matrix(run.attitude)[..., 2] * run.g
         felt = (run.specific_force - up)[1:]
         return Course(word, run.time, run.attitude, {}, felt, run.g, run.magnetic)
-    columns = how["columns"]
+    columns, instance, rate = how["columns"], how["instance"], how["rate"]
     if "q" in str(columns):
-        return of_attitudes(word, columns)
+        return of_attitudes(word, columns, rate)
+
+    def read(rate: float | None) -> Log:
+        return read_log(Path(word), rate, columns, instance,
+                        start=how["start"], stop=how["stop"])  # fmt: skip
+
     try:
-        log = read_log(Path(word), None, columns, how["instance"],
-                       start=how["start"], stop=how["stop"])  # fmt: skip
+        try:
+            log = read(None)
+        except InputError:  # it may have no clock
+            if rate is None:
+                raise
+            log = read(rate)
     except InputError as error:
         try:
-            return of_attitudes(word, None)
-        except InputError:
-            raise error from None
-    return of_log(log, calibration)
+            return of_attitudes(word, None, rate)
+        except InputError as other:
+            attitudes = False
+            with suppress(InputError):
+                attitudes = bool(quaternion_stems(word, instance))
+            raise (other if attitudes else error) from None
+    return of_log(log, calibration, how["units"])
 
 
-def of_attitudes(path: str, columns: str | None) -> Course:
+def of_attitudes(path: str, columns: str | None, rate: float | None) -> Course:
     """Recorded attitudes, body to world, as ROS and most trackers write them."""
     import numpy as np
 
     from simval.account import Fact
     from simval.imu.logs import read_truth
 
-    truth = read_truth(path, columns=columns)
+    try:
+        truth = read_truth(path, columns=columns, rate=rate)
+    except InputError as error:
+        msg = str(error).replace("--truth-", "--")
+        raise InputError(msg) from None
     refuse_if(
         truth.scalar == "unstated",
         f"{path}: which component is the scalar is not stated; name the columns "
@@ -399,7 +428,9 @@ def of_attitudes(path: str, columns: str | None) -> Course:
     return Course(name, truth.time[there], q, {}, said=(said,))
 
 
-def of_log(log: Log, calibration: Path | None) -> Course:
+def of_log(
+    log: Log, calibration: Path | None, units: tuple[str | None, str | None]
+) -> Course:
     """A log's attitudes by the reference filter, and what it feels beside gravity.
 
     The filter is given an accelerometer as noisy as real acceleration makes it.
@@ -415,7 +446,7 @@ def of_log(log: Log, calibration: Path | None) -> Course:
 
     log = longest_part(log)
     with refusing(log):
-        found, _ = prepared(log, None, calibration, (None, None))
+        found, _ = prepared(log, None, calibration, units)
         begin = start_of(found)
         noise, motion = begin.told.accelerometer_noise, begin.motion
         begin = start_of(found, accelerometer_noise=float(np.hypot(noise, motion)))
@@ -459,7 +490,7 @@ def measured(
 
     from simval.account import Fact
     from simval.imu.noise import load_noise
-    from simval.imu.noise.model import largest
+    from simval.imu.noise.model import equivalent_words, largest
 
     noise = load_noise(path)
     sensors = {
@@ -482,6 +513,9 @@ def measured(
             name = kind if sensor == "gyroscope" else sensor
             most = largest(axes, kind, np.full(3, unit))
             value, low, high = most.value, most.low, most.high
+            words += f"; {kind} is {equivalent_words(most.horizon)}" * bool(
+                most.horizon
+            )
             refuse_if(
                 value is None and kind == "N",
                 f"{path} shows no white noise of the {sensor}; state it by an option",

@@ -394,7 +394,7 @@ def _held_by(file: Path) -> list[Any]:
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise UnusablePluginError(msg)
     with _usable(f"the plug-in file {file}"):
-        content = vars(_imported(file))
+        content = vars(imported_file(file))
     held = [value for value in content.values() if isinstance(value, Plugin)]
     plugins = list({id(value): value for value in held}.values())
     names: set[tuple[type, str]] = set()
@@ -409,7 +409,7 @@ def _held_by(file: Path) -> list[Any]:
     return plugins
 
 
-def _imported(file: Path) -> ModuleType:
+def imported_file(file: Path) -> ModuleType:
     """Import a file afresh, under a unique name.
 
     It is a module like any other, so that what looks one up later finds it: pickle, the

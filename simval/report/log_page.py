@@ -18,7 +18,7 @@ from simval.account.terminal import MARKS
 from simval.arrays import Array
 from simval.files import digest
 from simval.imu.logs import Log
-from simval.report.formatting import slug
+from simval.report.formatting import begun, slug
 from simval.report.panels import COLOURS, Panel, Series
 from simval.report.section import Section, made, template
 from simval.report.table import Column, Table
@@ -57,12 +57,13 @@ class LogPage:
     @property
     def sections(self) -> tuple[Section, ...]:
         """Answers, chapters, and where the numbers are from."""
+        account = self.account
         facts = (
             ("Log", self.name),
             ("SHA-256", digest(self.log.path)),
+            *((begun(x.label), FOLDERS.sub("", x.words)) for x in account.record),
             ("simval", __version__),
         )
-        account = self.account
         rests = [
             Note(words=f"How the values of {each.title} were found", lines=lines)
             for each in account.values
@@ -80,7 +81,7 @@ class LogPage:
             command=self.command,
             said="\n".join(
                 FOLDERS.sub("", f"{label:<18}{words}" if label else words)
-                for label, words, _ in self.account.facts
+                for label, words, _ in account.facts
             ),
         ).under("source", "Where these numbers are from")
         return first, *self.chapters, source

@@ -69,6 +69,8 @@ class Trajectory(ReadOnly):
     provenance : Mapping
         All that the numbers depend on: scene, model file's SHA-256, MuJoCo's version,
         parameters.
+    position : Array or None
+        Of the sensor in world axes, m, (n, 3), where it is known.
     """
 
     time: Float[Array, " n"]
@@ -83,6 +85,7 @@ class Trajectory(ReadOnly):
     rest_force: float
     rest_rate: float
     provenance: Mapping[str, Any]
+    position: Float[Array, "n 3"] | None = None
 
     def __post_init__(self) -> None:
         ReadOnly.__post_init__(self)
@@ -240,6 +243,7 @@ TRUTH = (
     "true instant wx [rad/s],true instant wy [rad/s],true instant wz [rad/s],"
     "true mx [T],true my [T],true mz [T],qx,qy,qz,qs,rest"
 )
+PLACES = ",px [m],py [m],pz [m]"
 UNITS = (("a", "m/s^2"), ("w", "rad/s"), ("m", "T"))
 
 
@@ -271,8 +275,8 @@ def write_signal(
     specific force, average rate of the step that ends at the row, rate of the instant,
     and field, in sensor axes; the attitude world to sensor, vector first; the index of
     the rest that the row belongs
-    to, -1 for none. ``simval calibrate`` reads the readings by their names, and any
-    other calibrator the first columns.
+    to, -1 for none; the position, where it is known. ``simval calibrate`` reads the
+    readings by their names, and any other calibrator the first columns.
     """
     motion = motion_of(trajectory, every, rows)
     kept = slice(None, None, every)
@@ -290,11 +294,15 @@ def write_signal(
     )
     # seventeen digits: a reader gets the same bits
     rests = trajectory.hold[kept].tolist()
+    where, names = [""] * len(rests), ""
+    if trajectory.position is not None:
+        names = PLACES
+        where = ["".join(f",{x:.17g}" for x in p) for p in trajectory.position[kept]]
     lines = [
-        ",".join([f"{value:.17g}" for value in row] + [str(rest)])
-        for row, rest in zip(table.tolist(), rests, strict=True)
+        ",".join([f"{value:.17g}" for value in row] + [str(rest)]) + more
+        for row, rest, more in zip(table.tolist(), rests, where, strict=True)
     ]
-    text = "\n".join([header(readings), *lines, ""])
+    text = "\n".join([header(readings) + names, *lines, ""])
     try:
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:

@@ -9,7 +9,7 @@ It is a module with four names:
 - ``TITLE``: one line for people;
 - ``Parameters``: a pydantic model (subclass of `StudyParameters`) of one cell's
   parameters, scalars only, each with its unit in the description and a default, and
-  with ``cost()``, the expected cost of a cell;
+  with ``cost()``, the expected `Cost` of a cell;
 - ``run(parameters, streams) -> Outcome``: a pure function of these parameters and
   of the cell's random streams (``streams.block(i)`` is the generator of block i).
   It returns rows (`simval.results`) of statistics (`simval.statistics`), and
@@ -47,8 +47,9 @@ from importlib import import_module, metadata
 from pathlib import Path
 
 from simval import vocabulary
+from simval.arguments import instance
 from simval.errors import InputError
-from simval.studies.study import Study, StudyParameters, study_of
+from simval.studies.study import Cost, Study, StudyParameters, study_of
 from simval.text import did_you_mean
 
 __all__ = ["STUDIES", "Study", "StudyParameters", "bring", "brought", "find_study"]
@@ -82,9 +83,19 @@ def _installed() -> dict[str, metadata.EntryPoint]:
 
 @cache
 def _study(name: str) -> Study:
-    if name in vocabulary.STUDIES or name in brought():
+    if name in vocabulary.STUDIES:
         return study_of(name, import_module(f"simval.studies.{name}"))
-    return study_of(name, _installed()[name].load())
+    source = brought().get(name, name)
+    try:
+        if name in brought():
+            found = study_of(name, import_module(f"simval.studies.{name}"))
+        else:
+            found = study_of(name, _installed()[name].load())
+        instance("cost()", found.parameters().cost(), Cost)
+    except (Exception, SystemExit) as error:  # whatever a user's file may raise
+        msg = f"study {source} cannot be used: {type(error).__name__}: {error}"
+        raise InputError(msg) from error
+    return found
 
 
 class _Studies(Mapping[str, Study]):
@@ -152,16 +163,19 @@ def bring(files: Iterable[str | Path]) -> None:
         if not (file.suffix == ".py" and file.is_file()):
             msg = f"study {file} is no Python file; give the path of its module"
             raise InputError(msg)
-        if not name.isidentifier() or (own / file.name).exists():
-            why = "a module of simval" if name.isidentifier() else "no name of a module"
-            msg = f"study {file}: `{name}` is the name of {why}; rename the file"
-            raise InputError(msg.replace("the name of no", "no"))
-        known = brought() | {name: file.absolute()}
+        why = "" if name.isidentifier() else "no name of a module"
+        if (own / file.name).exists():
+            why = "the name of a module of simval"
+        elif name in ("title", "seed") or hasattr(StudyParameters, name):
+            why = "no key that a suite can have"
+        if why:
+            msg = f"study {file}: `{name}` is {why}; rename the file"
+            raise InputError(msg)
+        before, known = os.environ.get(FILES, ""), brought() | {name: file.absolute()}
         os.environ[FILES] = os.pathsep.join(map(str, known.values()))
         _reach([file.absolute().parent])
         try:
             _study(name)
-        except Exception as error:  # whatever a user's file may raise
-            os.environ[FILES] = os.pathsep.join(map(str, list(known.values())[:-1]))
-            msg = f"study {file} cannot be used: {type(error).__name__}: {error}"
-            raise InputError(msg) from error
+        except InputError:
+            os.environ[FILES] = before
+            raise

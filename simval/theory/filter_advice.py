@@ -37,7 +37,9 @@ TRUE: Final = "the true noise"
 RULES: Final = (2.0, 10.0)
 """Factors of the gyroscope's noise that are passed on as rules of thumb."""
 HALF: Final = 0.5
+NO_GAIN: Final = 0.99  # of an error over that of now
 RIGHT: Final = 0.055  # logarithm of an error that is stated as right: 5 %
+UNEVEN: Final = 5.0  # times of an error about one axis, stated, that are said
 GIVEN: Final = {
     NOISE: ("gyroscope noise N", OF_A_DATA_SHEET["gyro"]["N"]),
     WALK: ("gyroscope walk K", OF_A_DATA_SHEET["gyro"]["K"]),
@@ -278,6 +280,9 @@ def _give(found: FilterAdvice) -> Reply:
         f"{high:g} is asked.",
         f"With perfect calibrations it would err by {_angle(found.bound)}.",
     ]
+    # NEES is a sum over the axes: one that is stated far too wide hides another
+    wide = achieved.overstated
+    uneven = f", but {rounded(wide)} times about one axis" * (wide > UNEVEN)
     if found.ends:
         errors, squares = zip(
             *((x.worst, x.nees.max()) for x in found.ends), strict=True
@@ -292,8 +297,8 @@ def _give(found: FilterAdvice) -> Reply:
     return Reply(
         title="What should the filter be given?",
         headline=f"{says[0].upper()}{says[1:]} {_angle(achieved.worst)} and "
-        f"{_stated(achieved)}.",
-        answer="pass" if settings.honest else "fail",
+        f"{_stated(achieved)}{uneven}.",
+        answer="fail" if not settings.honest else "inconclusive" if uneven else "pass",
         do=""
         if settings.honest
         else "Improve the sensor below, or accept more (--band, --parts).",
@@ -301,11 +306,16 @@ def _give(found: FilterAdvice) -> Reply:
     )
 
 
+def _times(ratio: float) -> str:
+    times = rounded(ratio, 3)
+    return "" if times == "1" else f"{times} times "
+
+
 def _cost(found: FilterAdvice) -> Reply:
     now, true = found.settings.effect.worst, found.others[TRUE]
     said = {
-        name: f"With {name} {_angle(x.worst)}, {rounded(x.worst / now, 3)} times as "
-        f"much; it {_stated(x)}"
+        name: f"With {name} {_angle(x.worst)}, {_times(x.worst / now)}as much; it "
+        f"{_stated(x)}"
         for name, x in found.others.items()
     }
     *_, tenfold = said.values()
@@ -320,11 +330,18 @@ def _cost(found: FilterAdvice) -> Reply:
     )
 
 
+def _gain(ratio: float) -> str:
+    if ratio < NO_GAIN:
+        return f"{rounded(100.0 * (1.0 - ratio))} % less error"
+    return "less than 1 %"
+
+
 def _limit(found: FilterAdvice, shares: Mapping[str, float]) -> list[Reply]:
     source, share = next(iter(shares.items()))
     best = sorted(found.halves.items(), key=lambda each: each[1])
-    gains = [f"{name}: {rounded(100.0 * (1.0 - x))} % less error" for name, x in best]
-    name = best[0][0]
+    gains = [f"{name}: {_gain(x)}" for name, x in best]
+    name, least = best[0]
+    first = gains[0] if least < NO_GAIN else "none gains 1 %"
     how = "A better part, or several averaged."
     if name.endswith("calibration"):
         how = "Four times the poses halve it, or half of their noise (simval plan)."
@@ -336,8 +353,8 @@ def _limit(found: FilterAdvice, shares: Mapping[str, float]) -> list[Reply]:
         ),
         Reply(
             title="What would help most?",
-            headline=f"Half of one source, with settings found anew: {gains[0]}.",
-            do="" if name.endswith("disturbance") else how,
-            lines=tuple(gains[1:]),
+            headline=f"Half of one source, with settings found anew: {first}.",
+            do="" if name.endswith("disturbance") or least >= NO_GAIN else how,
+            lines=tuple(gains[least < NO_GAIN :]),
         ),
     ]

@@ -51,6 +51,10 @@ NOISE: Final = "N"
 WALK: Final = "K"
 BAND: Final = (1.5, 3.3)
 """Of an honest NEES: deviations stated 5 % too small to 41 % too large."""
+QUIET: Final = 1e-15  # rad/s/sqrt(Hz); its square over rows must not vanish
+FINE: Final = 1e-8
+"""Noise of a row over the vector: with less, information times a covariance of 1 is
+beyond what 16 digits invert."""
 GAIN: Final = 0.05
 MOST: Final = 4.0  # decades of a factor
 KEPT: Final = 250  # rows of a motion whose mean is taken
@@ -89,8 +93,11 @@ class FilterCase:
             s.name for s in instance("truth", self.truth, FilterModel).sensors
         )
         object.__setattr__(self, "errors", check_errors(self.errors, names, T))
-        if not np.all(self.truth.gyroscope_noise > 0.0):
-            msg = "`gyroscope_noise` is 0; a factor of it needs noise above 0"
+        if not (N := np.min(self.truth.gyroscope_noise)) >= QUIET:
+            msg = (
+                f"`gyroscope_noise` is {N:g} rad/s/sqrt(Hz); a factor of it needs "
+                f"{QUIET:g} or more, so check its unit"
+            )
             raise InputError(msg)
         if not 0.0 <= self.settle < self.path.dt[:-1].sum():
             msg = (
@@ -171,6 +178,13 @@ class FilterEffect(NamedTuple):
 
     rms: Float[Array, " m"]  # of the attitude's error per axis, rad, by motion
     nees: Float[Array, "m p"]  # by motion and part of its time; 3 where all is true
+    # error over what is stated, about the axes where that is least and greatest
+    axes: Float[Array, "m 2"]
+
+    @property
+    def overstated(self) -> float:
+        """Times of its error that it states about the axis where that is most."""
+        return float(1.0 / self.axes[:, 0].min())
 
     @property
     def worst(self) -> float:
@@ -179,7 +193,8 @@ class FilterEffect(NamedTuple):
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values."""
-        return {"rms": self.worst, "nees": self.nees.tolist()}
+        axes = [self.axes[:, 0].min(), self.axes[:, 1].max()]
+        return {"rms": self.worst, "nees": self.nees.tolist(), "axes": axes}
 
     def excess(self, band: tuple[float, float]) -> Float[Array, " c"]:
         """Logarithms by which NEES is out of a band: none above 0 is honest."""
@@ -207,13 +222,17 @@ def effect(
     FilterEffect
         Error and NEES by motion.
     """
-    rms, nees = [], []
+    rms, nees, axes = [], [], []
     for case in cases:
         found = case.prediction(factors)
+        white = np.linalg.inv(np.linalg.cholesky(found.told[:, :3, :3]))
+        seen = white @ found.second_moment[:, :3, :3] @ white.swapaxes(1, 2)
+        squares = np.linalg.eigvalsh(seen)[:, [0, 2]]
+        axes.append(np.sqrt(squares.mean(axis=0)))
         rms.append(np.sqrt(np.mean(found.rms() ** 2)))
         own = np.array_split(found.nees(3), whole_number("parts", parts, 1, KEPT))
         nees.append([each.mean() for each in own])
-    return FilterEffect(np.array(rms), np.array(nees))
+    return FilterEffect(np.array(rms), np.array(nees), np.array(axes))
 
 
 def budget(cases: Sequence[FilterCase], factors: Factors) -> dict[str, float]:
@@ -265,7 +284,7 @@ def honest_settings(
     Raises
     ------
     InputError
-        If there is no motion, the sensors differ, or the band is none.
+        If there is no motion, the sensors differ or have no noise, or the band is none.
     """
     if not cases or len({instance("cases", c, FilterCase).factors for c in cases}) > 1:
         msg = "`cases` must be one motion or more, all of the same sensors"
@@ -274,6 +293,14 @@ def honest_settings(
     if not 0.0 < low < high:
         msg = f"`band` is {low:g} to {high:g}; give a least NEES above 0 and a greatest"
         raise InputError(msg)
+    for each in (sensor for case in cases for sensor in case.truth.sensors):
+        ratio = np.min(each.std) / np.linalg.norm(each.reference)
+        if not ratio >= FINE:
+            msg = (
+                f"the noise of the {each.name} is {ratio:.2g} of what it reads; it "
+                f"must be {FINE:g} or more, so check its unit"
+            )
+            raise InputError(msg)
     rows = max(1, COARSE // len(cases))
     search = _Search([case.coarse(rows) for case in cases], (low, high), parts)
     rough = search.all() if start is None else search.local(search.at(start))

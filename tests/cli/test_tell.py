@@ -88,12 +88,56 @@ def test_a_calibration_and_a_log(capsys, tmp_path):
         (["--motion", "gimbal", *SHEET, "--band", "3", "2"], "band"),
         (["--motion", "gimbal", *SHEET, "--settle", "9999"], "settle"),
         (["--motion", "nowhere.csv", *SHEET], "no such file"),
+        (["--motion", "gimbal", *SHEET, "--scale-error", "1e200"], "0 to 1e+06"),
+        (
+            ["--motion", "gimbal", *SHEET[:4], "--velocity-random-walk", "1e-20"],
+            "noise of the accelerometer",
+        ),
     ],
 )
 def test_what_cannot_be_told(capsys, words, said):
     code, _, err = told(capsys, *words)
     assert code == 2
     assert said in err.casefold()
+
+
+HOW = dict(columns=None, instance=None, start=None, stop=None, rate=None, units=())
+
+
+def test_too_few_attitudes_are_not_taken_for_a_log(tmp_path):
+    """What is wrong with the attitudes, and no word of an accelerometer's columns."""
+    from simval.cli.tell import course_of
+
+    file = tmp_path / "few.csv"
+    file.write_text("t,qx,qy,qz,qw\n" + "".join(f"{k},0,0,0,1\n" for k in range(6)))
+    with pytest.raises(InputError, match=r"and 50 are needed.*\(--columns\)"):
+        course_of(str(file), None, HOW)
+
+
+def test_a_row_of_several_feels_their_mean():
+    from simval.cli.tell import Course
+
+    felt = np.arange(60.0).reshape(20, 3)
+    q = np.tile([0.0, 0.0, 0.0, 1.0], (21, 1))
+    course = Course("m", np.arange(21) / 100.0, q, {}, felt)
+    found = course.taken(25.0, 100)
+    np.testing.assert_allclose(found.felt, felt.reshape(5, 4, 3).mean(axis=1))
+    assert course.taken(100.0, 100).felt is not None
+
+
+@pytest.mark.slow  # a log is calibrated, and followed by the filter
+def test_a_log_without_a_clock_has_the_rate_that_is_stated(tmp_path):
+    from made_logs import of_scene
+
+    from simval.cli.tell import course_of
+
+    rows = [line.split(",") for line in of_scene(tmp_path).read_text().splitlines()]
+    bare = tmp_path / "bare.csv"
+    bare.write_text("\n".join(",".join(row[1:7]) for row in rows))
+    how = HOW | dict(rate=100.0, units=("m/s^2", "rad/s"))
+    assert course_of(str(bare), None, how).rate == pytest.approx(100.0)
+    with pytest.raises(InputError, match="--rate"):
+        course_of(str(bare), None, how | dict(rate=None))
 
 
 @pytest.mark.parametrize("order", ["qx,qy,qz,qw", "qw,qx,qy,qz"])
@@ -107,8 +151,7 @@ def test_a_file_of_attitudes_is_a_motion(tmp_path, order):
     rows = np.column_stack([time, np.roll(q, order.startswith("qw"), axis=1)])
     file = tmp_path / "poses.csv"
     np.savetxt(file, rows, delimiter=",", header=f"t,{order}", comments="")
-    how = dict(columns=None, instance=None, start=None, stop=None)
-    found = course_of(str(file), None, how).taken(25.0, 40)
+    found = course_of(str(file), None, HOW).taken(25.0, 40)
     assert found.rate == pytest.approx(25.0)
     assert len(found.time) == len(found.attitude) == 41
     first = round(found.time[0] * 50.0)

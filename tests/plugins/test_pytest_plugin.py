@@ -191,3 +191,27 @@ def test_the_fixture_judges_a_filter(judged):
         fixture="simval_filter",
     )
     assert "! Does make, a filter, agree with theory?\n  No: overconf" in said
+
+
+def test_a_simulated_imu(pytester):
+    pytester.makepyfile(
+        """
+        import numpy as np
+        from simval.imu.audit import SimulatedImu
+        t = np.arange(400) / 100.0
+        z = np.zeros((400, 3))
+        def made(sign):
+            q = np.tile([0.0, 0.0, 0.0, 1.0], (400, 1))
+            return SimulatedImu(time=t, position=z, attitude=q, gyroscope=z,
+                                accelerometer=z + [0, 0, sign * 9.81])
+        def test_right(simval_audit):
+            simval_audit(made(1.0), gravity=(0, 0, -9.81), mount=np.eye(3),
+                         only=["gravity"])
+        def test_wrong(simval_audit):
+            simval_audit(made(-1.0), gravity=(0, 0, -9.81), mount=np.eye(3),
+                         only=["gravity"])
+        """
+    )
+    pytester.runpytest_inprocess("-p", "no:cacheprovider").assert_outcomes(
+        passed=1, failed=1
+    )

@@ -1,6 +1,7 @@
 """A user's own study: what is no study is refused in words, and leaves no trace."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 
@@ -24,6 +25,14 @@ def run(parameters, streams):
         ("mine.txt", GOOD, "no Python file"),
         ("trials.py", GOOD, "a module of simval; rename"),
         ("coverage.py", GOOD, "a module of simval; rename"),
+        ("seed.py", GOOD, "no key that a suite can have"),
+        ("schema.py", GOOD, "no key that a suite can have"),
+        ("leaves.py", "raise SystemExit(0)", "SystemExit"),
+        (
+            "cheap.py",
+            GOOD.replace("    pass", "    def cost(self):\n        return 1.0"),
+            r"`cost\(\)` is 1.0; it must be of type Cost",
+        ),
         ("my-own.py", GOOD, "`my-own` is no name of a module"),
         ("lacks_title.py", GOOD.replace("TITLE", "TITEL"), "AttributeError.*TITLE"),
         ("lacks_run.py", GOOD.replace("def run", "def walk"), "AttributeError.*run"),
@@ -49,3 +58,13 @@ def test_a_study_is_there_once_it_is_brought(tmp_path, monkeypatch):
     assert STUDIES["my_own_study"].title == "Mine"
     assert [*STUDIES][-1] == "my_own_study"
     assert len(STUDIES) == len([*STUDIES])
+
+
+def test_an_installed_study_that_breaks_is_named(monkeypatch):
+    def load():
+        raise ImportError("no such package")
+
+    point = {"theirs": SimpleNamespace(load=load)}
+    monkeypatch.setattr("simval.studies._installed", lambda: point)
+    with pytest.raises(InputError, match="study theirs cannot be used: ImportError"):
+        STUDIES["theirs"]

@@ -71,6 +71,15 @@ def test_a_shift_makes_as_large_an_error_alone(advised):
     assert np.sqrt(square) == pytest.approx(found.settings.effect.worst, rel=1e-6)
 
 
+def test_what_helps_nothing_is_not_advised(advised):
+    _, found = advised
+    none = replace(found, halves={"start": 1.00003, "gyroscope noise": 0.9999999})
+    helps = none.account.replies[-1]
+    assert helps.headline.endswith("none gains 1 %.")
+    assert helps.do == ""
+    assert helps.lines == ("gyroscope noise: less than 1 %", "start: less than 1 %")
+
+
 def test_where_no_setting_is_right(advised):
     _, found = advised
     none = replace(found, settings=found.settings._replace(honest=False))
@@ -80,3 +89,16 @@ def test_where_no_setting_is_right(advised):
     assert "--band" in give.do
     text = " ".join("\n".join(lines(found.account, verbose=True)).split())
     assert found.account.replies[0].headline in text
+
+
+def test_an_axis_that_is_stated_far_too_wide_is_said(advised):
+    """A NEES of 3 is a sum: of two axes that are stated too small, it hides one."""
+    case, found = advised
+    factors = {"N": 5e3, "accelerometer": 4e3, "magnetometer": 3.5}
+    wide = effect([case], factors)
+    assert wide.overstated > 20.0
+    shown = replace(found, settings=found.settings._replace(effect=wide))
+    give = shown.account.replies[0]
+    assert give.answer == "inconclusive"
+    assert give.headline.endswith("times about one axis.")
+    assert found.account.replies[0].answer == "pass"

@@ -91,6 +91,7 @@ def test_the_truth_is_honest_where_there_is_no_error(short):
     assert found.honest
     assert found.factors == pytest.approx(dict.fromkeys(found.factors, 1.0), abs=0.02)
     assert found.effect.nees.mean() == pytest.approx(3.0, abs=0.05)
+    np.testing.assert_allclose(found.effect.axes, 1.0, atol=0.02)
 
 
 @pytest.mark.slow  # two searches in three variables, of which one finds nothing
@@ -163,6 +164,14 @@ def test_a_path_of_fewer_rows_has_the_same_information(short):
 def test_a_case_that_cannot_be_asked(short, change, words):
     with pytest.raises(InputError, match=words):
         replace(short, **change)
+
+
+def test_a_sensor_without_noise_is_refused(short):
+    """Where a search would end in a matrix that cannot be inverted."""
+    with pytest.raises(InputError, match="noise of the accelerometer is"):
+        honest_settings([short.scaled({"accelerometer": 1e-12})])
+    with pytest.raises(InputError, match="`gyroscope_noise`"):
+        short.scaled({"N": 1e-300})
 
 
 @pytest.mark.parametrize("band", [(3.0, 2.0), (0.0, 3.0), (np.nan, 3.0)])

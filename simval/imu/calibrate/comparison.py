@@ -56,7 +56,7 @@ from simval.imu.calibrate.thermal import Term, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
-from simval.spelling import chance, rounded
+from simval.spelling import chance, rounded, series
 from simval.text import number, one_line
 from simval.vocabulary import ALPHA, Model
 
@@ -257,10 +257,11 @@ class CalibrationComparison(Told):
             for each in self.sensors
             if each.sensor in p
         )
-        do = f"The error bars of {' and '.join(self.doubted)} are in doubt."
+        do = f"The error bars of {series(self.doubted)} are in doubt."
         do = do if self.doubted else ""
         if self.alike:
-            words = f"{' and '.join(self.alike)} more alike than independent data are"
+            are = "is" if len(self.alike) == 1 else "are"
+            words = f"the {series(self.alike)} {are} more alike than independent data"
             same = f"{words}: A and B seem to be of the same data."
             do = " ".join(filter(None, [f"But {same}" if self.drifted else "", do]))
         moved = [x.words for x in self.sensors if p.get(x.sensor, 1.0) < level]
@@ -321,8 +322,9 @@ def _values(each: SensorComparison) -> Values:
         cells = [
             Quantity(f"{name} of A", sign * a, a_sd),
             Quantity(f"{name} of B", sign * b, b_sd),
-            Quantity(f"{name}, B - A", sign * moved, U),
-            Quantity(f"{name}, E_n", float(f"{E_n:.3g}") if known else None),
+            Quantity(f"{name}, B - A", sign * moved + 0.0, U),
+            # of one data set it is 0 but for rounding
+            Quantity(f"{name}, E_n", round(float(f"{E_n:.3g}"), 9) if known else None),
         ]  # fmt: skip
         lines.append(Line(name, "", cells, fixed=False))
     _, unit = SENSORS[each.sensor]

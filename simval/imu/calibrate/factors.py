@@ -46,6 +46,7 @@ from simval.imu.calibrate.goodness_of_fit import (
 )
 from simval.imu.explain.judgement import CHANCE, LEADS, NAMED, REFUSED, REMARKED
 from simval.shapes import Float
+from simval.spelling import series
 
 F = TypeVar("F")
 MORE: Final = 0.2
@@ -157,7 +158,7 @@ class NoiseFactors(ReadOnly):
             why = "which of these is why cannot be told" if told else "cause unknown"
             taken = "".join(f"; {each.sentence}" for each in likely)
             return (
-                f"{' and '.join(self.sources)} misfit beyond their noise, {why}, so "
+                f"{series(self.sources)} misfit beyond their noise, {why}, so "
                 f"error bars are widened to match{taken}",
             )
         return tuple(
@@ -177,7 +178,7 @@ class NoiseFactors(ReadOnly):
         said = " or ".join(each.words for each in likely)
         if self.blamed:
             return said
-        names = f"{' and '.join(self.sources)} misfit beyond their noise"
+        names = f"{series(self.sources)} misfit beyond their noise"
         return f"{names}, and which is why is open" + (f": {said}" if said else "")
 
     @property

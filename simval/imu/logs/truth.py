@@ -28,8 +28,15 @@ UNIT: Final = 1e-2
 LEAST: Final = 50  # rows with an attitude; fewer show no motion
 _COMPONENT = re.compile(r"(?P<stem>.*?)(?P<which>[wsxyz]|[0-4])", re.I)
 _NAMED = re.compile(r"(^|[^a-z])q(_RS)?$|quat|orient|attitude", re.I)
+_PLACED = re.compile(  # of a column: a place, its axis, and metres
+    r"(?:.*[^a-z])?(?P<word>p(?:os(?:ition)?s?)?|t(?:rans(?:lation)?)?|loc(?:ation)?|xyz)"
+    r"(?:_[a-z]+)*?[._ ]?(?P<axis>[xyz])(?:\s*[\[(]m[\])])?",
+    re.I,
+)
 _ORDERS: Final = ("wxyz", "sxyz", "0123", "1234")
-_NAMES = ("t", "qx", "qy", "qz", "qs", "qw", "q0", "q1", "q2", "q3")
+_PLACES = ("px", "py", "pz")
+_POSE = ("t", *_PLACES, "qx", "qy", "qz", "qs")  # of a file without names, as TUM's
+_NAMES = ("t", *_PLACES, "qx", "qy", "qz", "qs", "qw", "q0", "q1", "q2", "q3")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,6 +133,54 @@ def read_truth(
     )
 
 
+def read_positions(
+    path: str, *, columns: str | None = None, instance: str | None = None
+) -> Float[Array, "n 3"]:
+    """Positions beside recorded attitudes, in the rows of `read_truth`.
+
+    Parameters
+    ----------
+    path : str
+        Log, or file of its own.
+    columns : str or None
+        As in `read_truth`, with ``px py pz``.
+    instance : str or None
+        Name of the table to read, where the file has more than one.
+
+    Returns
+    -------
+    Array
+        World axes, m, (n, 3).
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or it is not clear which columns are meant.
+    """
+    table = _table(path, instance)
+    if columns is not None:
+        roles = [role for role, _ in given(table, columns, "--truth-columns", _NAMES)]
+        places = [roles.index(name) for name in _PLACES if name in roles]
+    elif table.names is None:
+        places = [1, 2, 3] if table.width == len(_POSE) else []
+    else:
+        found: dict[str, list[int]] = {}
+        for place, name in enumerate(table.names):
+            if match := _PLACED.fullmatch(name):
+                stem = name[: match.start("axis")] + name[match.end("axis") :]
+                found.setdefault(stem, []).append(place)
+        three = [each for each in found.values() if len(each) == len(_PLACES)]
+        places = three[0] if len(three) == 1 else []
+    if len(places) != len(_PLACES):
+        msg = (
+            f"{table.path}: it is not clear which columns are the position; say what "
+            "each column is (--truth-columns t,px,py,pz,qx,qy,qz,qs, with - for one to "
+            "ignore)"
+        )
+        raise InputError(msg)
+    return table.numbers(places)
+
+
 def quaternion_stems(path: str, instance: str | None = None) -> list[str]:
     """Names of the quaternions that the header of a file seems to have."""
     table = _table(path, instance)
@@ -159,6 +214,8 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
     if table.names is None and table.width in (4, 5) and not stem:
         first = Column(role="t", place=0) if table.width == 5 else None
         return list(range(table.width - 4, table.width)), "unstated", first
+    if table.names is None and table.width == len(_POSE) and not stem:
+        return [7, 4, 5, 6], "first", Column(role="t", place=0)
     groups = _groups(table)
     wanted = [
         each

@@ -123,7 +123,7 @@ def conditions(whole: Any) -> tuple[Condition, ...]:
     """Judge the sensors of a log, the accelerometer first."""
     found = [
         _rests(whole),
-        order(whole.diagnosis),
+        _drift_in_fit(whole) or order(whole.diagnosis),
     ]
     if whole.warm.rests is not None:
         found += [_temperature(whole), _within(whole.warm.within)]
@@ -186,6 +186,15 @@ def order(found: Diagnosis, sensor: str = "accelerometer") -> Condition:
         words=words,
         do=REPEAT if hides else "",
     )
+
+
+def _drift_in_fit(whole: Any) -> Condition | None:
+    # nothing is hidden by the order of the poses where the fit has the drift
+    found = whole.warm.thermal
+    if found is None or found.over is not TIME or ("bias", 1) not in found.terms:
+        return None
+    words = "a drift of its bias is in the fit, and in the error bars"
+    return Condition("order of the poses", True, float("nan"), HIDDEN, words)
 
 
 def _drift(name: str, found: Drift) -> Condition:
@@ -285,7 +294,12 @@ def _by_chance(
 
 
 def with_log(
-    account: Account, log: Log, more: Iterable[Fact] = (), *, means: bool = False
+    account: Account,
+    log: Log,
+    more: Iterable[Fact] = (),
+    record: Iterable[Fact] = (),
+    *,
+    means: bool = False,
 ) -> Account:
     """The account of what was made of a log, with what was read of it.
 
@@ -295,7 +309,8 @@ def with_log(
     read = [x for x in log.facts() if not (means and x.label == "clock")]
     facts = (*read, log.units(), *more, *account.facts)
     source = PurePath(log.path).name
-    return replace(account, source=source, said=said, facts=facts)
+    record = (*record, *account.record)
+    return replace(account, source=source, said=said, facts=facts, record=record)
 
 
 def calibration_account(whole: Any) -> Account:
@@ -319,6 +334,7 @@ def calibration_account(whole: Any) -> Account:
         values=tuple(_values(whole)),
         notes=(matrix_note(whole.accelerometer),),
         facts=tuple(_facts(whole)),
+        record=tuple(_record(whole)),
     )
 
 
@@ -445,6 +461,14 @@ def _noise(noise: Any) -> str:
     return f"{np.median(noise.std):.4g} units of the log, {noise.words}"
 
 
+def _record(whole: Any) -> Iterator[Fact]:
+    fit, rests = whole.accelerometer, whole.warm.rests
+    yield Fact("gravity", gravity_words(fit))
+    yield Fact("temperature", "not in the log" if rests is None else rests.line)
+    yield Fact("method", f"{fit.residual} residual, {fit.loss} loss, by {fit.method}; "
+               f"{fit.model} form, {fit_of(whole) or 'alone'}")  # fmt: skip
+
+
 def _facts(whole: Any) -> Iterator[Fact]:
     fit = whole.accelerometer
     diagnosis, warm = whole.diagnosis, whole.warm
@@ -458,17 +482,13 @@ def _facts(whole: Any) -> Iterator[Fact]:
                f"{whole.multiplier:g} times the variance at rest)")  # fmt: skip
     yield from (Fact("cut", each) for each in (*whole.steps, *whole.cuts))
     if warm.rests is None:
-        yield Fact("temperature", "not in the log")
-        yield from [Fact("drift", warm.reason)] if warm.reason else []
+        if warm.reason:  # it was asked for
+            yield Fact("drift", warm.reason, notable=warm.thermal is None)
     else:
-        yield Fact("temperature", warm.rests.line)
         for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
             yield from [Fact("temperature", words)] if words else []
     yield status(fit)
-    yield Fact("method", f"{fit.residual} residual, {fit.loss} loss, by {fit.method}; "
-               f"{fit.model} form, {fit_of(whole) or 'alone'}")  # fmt: skip
     yield Fact("poses", f"condition {float(fit.condition):.3g}")
-    yield Fact("gravity", gravity_words(fit))
     per = "per degree of freedom"
     yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
     yield from (Fact("in files", each) for each in forms.sign_notes(fit.model))

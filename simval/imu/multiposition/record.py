@@ -80,6 +80,8 @@ def sources(whole: Any) -> tuple[Contribution, ...]:
     found = BARS[fit.covariance_kind]
     if joint is not None and fit.covariance_kind == "known sigma":
         found = f"{joint.noise.words or 'Every sensor scatters as its noise explains'}."
+    # the rotations of a gyroscope help, and the scatter may be less than this part
+    alone = "of the accelerometer alone, " if joint is not None else ""
     share = np.where(noise.std > 0.0, noise.std, np.inf)
     rounded = _rms(noise.rounded / share)
     trembled = np.linalg.norm(np.broadcast_to(noise.trembled, (len(share), 3)), axis=1)
@@ -92,7 +94,7 @@ def sources(whole: Any) -> tuple[Contribution, ...]:
         moved += f"; {counted(len(whole.cuts), 'rest')} cut where the sensor turns"
     return (
         Contribution("scatter", found, scatter),
-        Contribution("noise", f"by {noise.words}", bound, part=True),
+        Contribution("noise", f"{alone}by {noise.words}", bound, part=True),
         Contribution(
             "resolution", steps if rounded else "the readings show no steps",
             bound * rounded, part=True,

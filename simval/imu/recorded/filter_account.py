@@ -17,7 +17,7 @@ from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
 from simval.imu.recorded.errors import ALPHA, NormalisedSquare, Rms, differ
 from simval.imu.recorded.rows import RowEvidence
 from simval.ranking import Ranking, ranked
-from simval.spelling import measured, rounded
+from simval.spelling import measured, rounded, series
 from simval.text import interval_words
 
 PARTS: Final = {"all": "", "rest": " at rest", "moving": " moving"}
@@ -280,14 +280,14 @@ def filters_account(
     if done:
         against = any(each.truth is not None for each in done)
         how = "against recorded attitudes" if against else "without truth"
-        said = f"{_named(each.run.name for each in done)} {how}"
+        said = f"{series(each.run.name for each in done)} {how}"
     replies = [_how_wrong(done, quaternions), _trusted(done)] if done else []
     if failed:
         were = "was" if len(failed) == 1 else "were"
         replies.append(
             Reply(
                 title="Was every filter measured?",
-                headline=f"No: {_named(failed)} {were} not measured.",
+                headline=f"No: {series(failed)} {were} not measured.",
                 answer="fail",
                 do=" ".join(f"{name}: {why}" for name, why in failed.items()),
             )
@@ -302,11 +302,6 @@ def filters_account(
     )
 
 
-def _named(names: Iterable[str]) -> str:
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last
-
-
 def _title(done: Sequence[Any], one: str, several: str) -> str:
     return one.replace("{}", done[0].run.name) if len(done) == 1 else several
 
@@ -317,7 +312,7 @@ def _how_wrong(done: Sequence[Any], quaternions: Sequence[str]) -> Reply:
     if not judged:
         do = "Add it (--truth)."
         if quaternions:
-            do = f"If {_named(quaternions)} of the log is the truth, add --truth "
+            do = f"If {series(quaternions)} of the log is the truth, add --truth "
             do += f"{quaternions[0]}."
         return Reply(
             title=title,
@@ -336,10 +331,10 @@ def _how_wrong(done: Sequence[Any], quaternions: Sequence[str]) -> Reply:
         answer, headline = "inconclusive", "Cannot tell: too few rows have truth."
     elif len(order.order) > 1:
         tie = ", no difference beyond chance" if len(order.best) > 1 else ""
-        headline = f"Least: {_named(order.best)}{tie}, {total} RMS."
+        headline = f"Least: {series(order.best)}{tie}, {total} RMS."
         if not order.tied:
             most = _angle(known[order.worst[0]]["total"])
-            headline += f" Most: {_named(order.worst)}, {most}."
+            headline += f" Most: {series(order.worst)}, {most}."
     other = north(done)
     if other and other.estimated and other.exchanged:
         answer = "inconclusive"
@@ -385,11 +380,11 @@ def _trusted(done: Sequence[Any]) -> Reply:
         headline = f"Cannot tell: {words}{more}."
     else:
         states = "states" if len(silent) == 1 else "state"
-        headline = f"Cannot tell: {_named(silent)} {states} no covariance."
+        headline = f"Cannot tell: {series(silent)} {states} no covariance."
     advice: dict[str, list[str]] = {}
     for one in (*bad, *open_):
         advice.setdefault(one.do, []).append(one.name)
-    do = [what.replace("{}", _named(dict.fromkeys(of))) for what, of in advice.items()]
+    do = [what.replace("{}", series(dict.fromkeys(of))) for what, of in advice.items()]
     lines = [one.sentence for each in done for one in stated(each, innovations=True)]
     lines += [_whiteness(each) for each in done if each.white is not None]
     lines += [f"{name} states no covariance." for name in silent]

@@ -9,6 +9,7 @@ from places import recording
 from scipy import stats
 from true_sensor import MODEL, G
 
+from simval.account.terminal import lines
 from simval.errors import SimvalError
 from simval.imu.calibrate import calibrate, save_calibration
 from simval.imu.calibrate.comparison import (
@@ -135,6 +136,9 @@ def test_forms_are_turned_units_are_refused_and_covariances_are_asked_for(
         assert both.drifted is None
         assert "more alike" in both.answer.headline
         assert "same within" not in both.answer.headline
+        shown = "".join(lines(both.account, width=100))
+        assert "-0.0" not in shown
+        assert "e-1" not in shown  # E_n of rounding
     assert simval("compare", a, a)[0] == 3
     heavy = fitted(tmp_path / "heavy.json", seed=1, g=1.02 * G)
     assert "or a wrong g" in compare_calibrations(a, heavy).answer.headline

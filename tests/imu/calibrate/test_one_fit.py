@@ -110,9 +110,12 @@ def check_terminal(text, data, numbers):
 def check_page(page, data, numbers):
     """The page's tables have the same digits, and its answers the same words."""
     page = page.replace("−", "-")
-    for value, sd in numbers.values():
-        assert f"{value:.8g}" in page
-        assert f"{sd:.3g}" in page
+    for value, sd in numbers.values():  # in the unit of their row: mrad, 1e-3 of one
+        units = (1.0, 1e3, 1e6, 1e9)
+        assert any(
+            f"{unit * value:.8g}" in page and f"{unit * sd:.3g}" in page
+            for unit in units
+        ), value
     for judged in data["judgements"]:
         assert judged["words"] in page
 

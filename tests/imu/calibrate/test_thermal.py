@@ -352,7 +352,12 @@ def test_a_drift_is_taken_into_the_fit_as_it_is_advised(kind, tmp_path, simval):
     code, said, err = simval("calibrate", path, "--drift", "--out", out)
     assert code == 0, err
     assert "accelerometer in time" in said
-    found = json.loads(out.read_text())["drift"]["sensors"]["accelerometer"]
+    document = json.loads(out.read_text())
+    found = document["drift"]["sensors"]["accelerometer"]
+    # the order of the poses hides no drift that is in the fit
+    judged = {each["about"]: each for each in document["judgements"]}
+    hidden = "in the fit" not in judged["order of the poses"]["words"]
+    assert hidden == (kind == "scale")
     assert found["terms"] == [[kind, 1]]
     away, fit = found["reference_s"] - 40.0, load_calibration(out)
     sign = 1.0 if kind == "bias" else 1.0 + law[1][1] * away
@@ -371,7 +376,11 @@ def test_a_drift_that_is_not_there_changes_nothing():
     log = three(0, turning=False).log
     found, plain = calibrate_log(log, drift=True), calibrate_log(log)
     assert found.warm.thermal is None
-    assert "no drift is taken into the fit" in str(found.warm.reason)
+    said = [x for values in found.account.values for x in values.facts]
+    said += found.account.facts
+    (asked,) = (x for x in said if x.label == "drift")
+    assert "no drift is taken into the fit" in asked.words
+    assert asked.notable  # it was asked for
     np.testing.assert_array_equal(found.fit.parameters, plain.fit.parameters)
     with pytest.raises(InputError, match="leave its column out"):
         calibrate_log(replace(log, temperature=log.time), drift=True)

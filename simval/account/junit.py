@@ -1,0 +1,46 @@
+"""An account as JUnit XML: a case for each answer."""
+
+import re
+from typing import Final
+from xml.etree import ElementTree
+
+from simval.account import Account
+
+_NOT_XML: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def text(account: Account) -> str:
+    """XML of a suite, with a failure or an error for what is no good news.
+
+    Parameters
+    ----------
+    account : Account
+        What there is to say.
+
+    Returns
+    -------
+    str
+        With a declaration.
+    """
+    answers = [reply.answer for reply in account.replies]
+    counts = {
+        "tests": str(len(answers)), "failures": str(answers.count("fail")),
+        "errors": str(answers.count("inconclusive")),
+    }  # fmt: skip
+    root = ElementTree.Element("testsuites", {"name": _clean(account.name)} | counts)
+    head = {"name": _clean(account.name)} | counts
+    suite = ElementTree.SubElement(root, "testsuite", head)
+    for reply in account.replies:
+        case = ElementTree.SubElement(
+            suite, "testcase", classname=_clean(account.title), name=_clean(reply.title)
+        )
+        if reply.answer != "pass":
+            tag = "failure" if reply.answer == "fail" else "error"
+            said = ElementTree.SubElement(case, tag, message=_clean(reply.headline))
+            said.text = _clean("\n".join([reply.do, *reply.lines]))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _clean(words: str) -> str:
+    return _NOT_XML.sub("\ufffd", words)

@@ -1,0 +1,170 @@
+"""What is audited: readings beside the poses of the body, and what is declared."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array, ReadOnly, physical_array, shaped_array
+from simval.errors import InputError, RefusedError
+from simval.geometry import unit_quaternions
+from simval.shapes import Float
+from simval.units import G0
+
+LEAST: Final = 40  # rows; of fewer the ends, which are left out, are a half
+EVEN: Final = 0.01  # of a step, by which the stamps of even steps may be rounded
+LONG_AGO: Final = 1e5  # s; a double of a longer time is off by more than 1e-11 s
+ORTHOGONAL: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedImu(ReadOnly):
+    """Readings of a simulated IMU and the poses of its body.
+
+    Attributes
+    ----------
+    time : Array
+        Of the readings, s, (n,), increasing.
+    gyroscope : Array or None
+        Angular rate, (n, 3), rad/s.
+    accelerometer : Array or None
+        Specific force, (n, 3), m/s^2: at rest it is g upwards.
+    pose_time : Array
+        Of the poses, s, (m,), increasing; the readings' where it is not given.
+    position : Array
+        Of the body's origin in a world that does not turn, m, (m, 3).
+    attitude : Array
+        Unit quaternions world to body, vector first, (m, 4). The same four numbers,
+        scalar last, are SciPy's rotation from body to world.
+    source : str
+        Name of what it came from.
+    origin : float
+        Time that is 0 in `time` and `pose_time`, s: 0 unless a clock counts from long
+        ago, of which a double has few digits.
+
+    Raises
+    ------
+    InputError
+        If the arrays do not belong together, or there are too few rows.
+    """
+
+    time: Float[Array, " n"]
+    position: Float[Array, "m 3"]
+    attitude: Float[Array, "m 4"]
+    gyroscope: Float[Array, "n 3"] | None = None
+    accelerometer: Float[Array, "n 3"] | None = None
+    pose_time: Float[Array, " m"] | None = None
+    source: str = "recording"
+    origin: float = 0.0
+
+    def __post_init__(self) -> None:
+        stamps = {
+            name: shaped_array(name, self.time if own is None else own, (None,))
+            for name in ("time", "pose_time")
+            for own in [getattr(self, name)]
+        }
+        first = float(stamps["time"][0]) if stamps["time"].size else 0.0
+        origin = first if abs(first) > LONG_AGO else 0.0
+        object.__setattr__(self, "origin", self.origin + origin)
+        for name, value in stamps.items():
+            object.__setattr__(self, name, evened(name, value - origin))
+        rows = len(self.time)
+        for name in ("gyroscope", "accelerometer"):
+            if getattr(self, name) is not None:
+                value = physical_array(name, getattr(self, name), (rows, 3))
+                object.__setattr__(self, name, value)
+        poses = len(self.poses)
+        position = physical_array("position", self.position, (poses, 3))
+        attitude = unit_quaternions("attitude", self.attitude)
+        if attitude.shape != (poses, 4):
+            msg = f"`attitude` has shape {attitude.shape}, and there are {poses} poses"
+            raise InputError(msg)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "attitude", attitude)
+        if self.gyroscope is None and self.accelerometer is None:
+            msg = "there is neither a gyroscope nor an accelerometer to audit; give one"
+            raise InputError(msg)
+        if min(rows, poses) < LEAST:
+            msg = (
+                f"{rows} readings and {poses} poses are too few to audit; {LEAST} of "
+                "each are needed, so record longer"
+            )
+            raise RefusedError(msg)
+        ReadOnly.__post_init__(self)
+
+    @property
+    def poses(self) -> Float[Array, " m"]:
+        """Times of the poses, s."""
+        assert self.pose_time is not None
+        return self.pose_time
+
+    @property
+    def step(self) -> float:
+        """Step of the readings, s."""
+        return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Declared(ReadOnly):
+    """What is said of a simulated IMU; what is None is fitted.
+
+    Attributes
+    ----------
+    lever : Array or None
+        Place of the sensor in the body, body axes, m, (3,).
+    mount : Array or None
+        Matrix from body to sensor axes, (3, 3).
+    gravity : Array or None
+        Acceleration of gravity, world axes, m/s^2, (3,), such as (0, 0, -9.81).
+    noise : Mapping
+        Of ``gyroscope`` and ``accelerometer``: N, B and K in SI units, one-sided as a
+        data sheet has them, (3,) of all axes.
+
+    Raises
+    ------
+    InputError
+        If the matrix is no rotation, or gravity is none.
+    """
+
+    lever: Float[Array, "3"] | None = None
+    mount: Float[Array, "3 3"] | None = None
+    gravity: Float[Array, "3"] | None = None
+    noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("lever", "gravity"):
+            if getattr(self, name) is not None:
+                value = physical_array(name, getattr(self, name), (3,))
+                object.__setattr__(self, name, value)
+        if self.gravity is not None and not np.linalg.norm(self.gravity) > 0.0:
+            msg = "`gravity` is zero; give its acceleration, m/s^2, as 0,0,-9.81"
+            raise InputError(msg)
+        if self.mount is not None:
+            C = physical_array("mount", self.mount, (3, 3))
+            off = float(np.abs(C @ C.T - np.eye(3)).max())
+            if not (off <= ORTHOGONAL and np.linalg.det(C) > 0.0):
+                msg = (
+                    f"`mount` is no rotation (its rows are off by {off:.2g}); give the "
+                    "matrix from body to sensor axes"
+                )
+                raise InputError(msg)
+            object.__setattr__(self, "mount", C)
+        ReadOnly.__post_init__(self)
+
+    @property
+    def down(self) -> Float[Array, "3"]:
+        """Acceleration of gravity that the ideal reading has."""
+        return np.array([0.0, 0.0, -G0]) if self.gravity is None else self.gravity
+
+
+def evened(name: str, value: Array) -> Array:
+    """Stamps that increase, in even steps where these were rounded."""
+    time = value
+    if not (time.ndim == 1 and np.all(np.diff(time) > 0.0)):
+        msg = f"`{name}` does not increase; give the rows in order of time"
+        raise InputError(msg)
+    if len(time) < 2:
+        return time
+    even = np.linspace(time[0], time[-1], len(time))
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    return even if np.abs(even - time).max() <= EVEN * step else time
