@@ -299,10 +299,10 @@ def shares(verdicts: Sequence[Verdict]) -> Float[Array, " n"]:
         p = scipy.special.stdtr(law, -middle) + scipy.special.stdtr(law, beyond)
         low, high = np.where(p > limit, (middle, high), (low, middle))
     allowed = np.where(columns.sampled, columns.remainder + high * error, limit)
-    above = columns.check == "limit"
-    distance = np.where(above, columns.value, columns.value - columns.prediction)
-    share = np.where(above, distance, np.abs(distance)) / allowed
-    share[(distance == 0.0) & (allowed == 0.0)] = 0.0
+    distance = np.abs(columns.value - columns.prediction)
+    distance = np.where(columns.check == "limit", columns.value, distance)
+    none = np.where(distance > allowed, np.inf, 0.0)  # nothing is allowed
+    share = np.where(allowed > 0.0, distance / allowed, none)
     share[columns.obstacles > 0] = np.nan
     return np.asarray(share, dtype=float)
 

@@ -148,11 +148,10 @@ def not_passed(verdicts: Sequence[Verdict]) -> str:
                     f"{size_of(far.row)}")  # fmt: skip
     if unclear:
         times = [v.more for v in verdicts if v.more == v.more]
-        need = f": {rounded_up(max(times))} times as many trials would do"
-        said.append(
-            f"{whole(unclear)} of {counted(total, 'check')} cannot be judged"
-            f"{need if times else ''}"
-        )
+        words = f"{whole(unclear)} of {counted(total, 'check')} cannot be judged"
+        if times:
+            words += f": {rounded_up(max(times))} times as many trials would do"
+        said.append(words)
     return f"{begun('; '.join(said))}." if said else ""
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import Figure
 from simval.judge.findings import reproduce
-from simval.judge.gate import GateResult
 from simval.report.curves import (
     PREFERRED,
     Measured,
@@ -186,16 +185,7 @@ def checks_section(context: Context) -> Section | None:
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
-        found=_counted(context.judged),
     )
-
-
-def _counted(judged: GateResult) -> str:
-    """Numbers of checks by result."""
-    counts = Counter(map(_answer, judged.verdicts))
-    order = (*WORST_FIRST, "wide")
-    told = [f"{counts[word]:,} {word}" for word in order if counts[word]]
-    return f"{', '.join(told)}." if told else ""
 
 
 def _families(context: Context) -> Table:
