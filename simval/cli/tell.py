@@ -183,6 +183,8 @@ def command(
         more, ends, said = measured(noise, {name: M for name, (M, _) in left.items()})
         white |= more
         facts.append(said)
+    else:
+        facts += [fact for each in courses for fact in each.noise]
     stated = {
         "N": angle_random_walk, "K": rate_random_walk,
         "accelerometer": velocity_random_walk, "magnetometer": magnetometer_noise,
@@ -326,6 +328,7 @@ class Course(NamedTuple):
     gravity: float = EARTH[0]
     field: Sequence[float] | Array = EARTH[1]
     said: tuple[Fact, ...] = ()
+    noise: tuple[Fact, ...] = ()  # where `white` is from
 
     @property
     def rate(self) -> float:
@@ -475,7 +478,8 @@ def of_log(
         words += f"; the field is taken for {1e6 * unit * size:.0f} µT" * (unit != 1.0)
         course.white["magnetometer"] = unit * begin.told.magnetometer_noise / root
         course = course._replace(field=unit * begin.told.field)
-    return course._replace(said=(Fact("motion", words),))
+    used = (x._replace(notable=True) for x in begin.facts if x.label == "noise used")
+    return course._replace(said=(Fact("motion", words),), noise=tuple(used))
 
 
 def measured(
@@ -500,7 +504,7 @@ def measured(
     }
     size: dict[str, float] = {}
     ends: list[dict[str, float]] = [{}, {}]
-    words = f"measured, {path.name}; the largest of the axes"
+    words, below = f"measured, {path.name}; the largest of the axes", False
     for sensor, (axes, unit) in sensors.items():
         if axes and sensor in matrices:
             unit = float(np.cbrt(np.linalg.det(matrices[sensor])))
@@ -524,12 +528,14 @@ def measured(
                 seconds = min(axis.rows / axis.rate_hz for axis in axes)
                 value = 3.0**0.5 * size.get("N", 0.0) / seconds
                 low, high = NOTHING * value, most.bound or value
-                words += f"; {kind} is not seen: what doubles the variance of the mean"
+                words += f"; {kind} is below what {seconds:.0f} s can show, and what "
+                words += "doubles the variance of their mean is taken"
+                below = True
             size[name] = value
             for end, limit in zip(ends, (low, high), strict=True):
                 if value > 0.0 and 0.0 < limit < np.inf:
                     end[name] = limit / value
-    return size, ends, Fact("noise", words)
+    return size, ends, Fact("noise", words, notable=below)
 
 
 def case_of(

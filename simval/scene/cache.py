@@ -97,6 +97,10 @@ def _exact(value: Any) -> Any:
     return np.asarray(value).tolist()
 
 
+# of a simulation; positions are of recorded poses
+_KEPT = [f.name for f in fields(Trajectory) if f.name not in ("provenance", "position")]
+
+
 def _read(path: Path, plan: Plan) -> Trajectory | None:
     try:
         # all of it at once: NumPy leaves the file of a damaged archive open
@@ -104,7 +108,7 @@ def _read(path: Path, plan: Plan) -> Trajectory | None:
             values: dict[str, Any] = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None  # absent or cut short: simulate again
-    if set(values) != {f.name for f in fields(Trajectory)} - {"provenance"}:
+    if set(values) != set(_KEPT):
         return None
     for name in ("rest_force", "rest_rate"):
         values[name] = float(values[name])
@@ -115,8 +119,7 @@ def _read(path: Path, plan: Plan) -> Trajectory | None:
 def _write(path: Path, trajectory: Trajectory) -> None:
     # through a temporary file in the same folder, so that no reader sees half of one
     buffer = io.BytesIO()
-    names = [f.name for f in fields(Trajectory) if f.name != "provenance"]
-    arrays: dict[str, Any] = {n: np.asarray(getattr(trajectory, n)) for n in names}
+    arrays: dict[str, Any] = {n: np.asarray(getattr(trajectory, n)) for n in _KEPT}
     np.savez(buffer, **arrays)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

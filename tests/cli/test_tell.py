@@ -114,6 +114,75 @@ def test_too_few_attitudes_are_not_taken_for_a_log(tmp_path):
         course_of(str(file), None, HOW)
 
 
+def test_the_part_that_turns_most_is_taken():
+    from simval.cli.tell import Course
+
+    angle = np.cumsum(np.where((np.arange(61) > 30) & (np.arange(61) <= 40), 0.1, 1e-3))
+    q = np.column_stack([np.sin(angle / 2), *np.zeros((2, 61)), np.cos(angle / 2)])
+    found = Course("m", np.arange(61) / 10.0, q, {}).taken(10.0, 10)
+    assert found.time[0] == pytest.approx(3.0)
+    assert "3 to 4 s turn most" in found.said[-1].words
+
+
+def test_without_a_magnetometer_the_heading_is_that_of_the_start():
+    from simval.cli.tell import START_STD, Course, case_of, sheet_errors
+    from simval.geometry import attitude_matrix
+
+    q = np.tile(np.array([0.3, -0.2, 0.1, np.sqrt(0.86)]), (41, 1))
+    course, errors = Course("m", np.arange(41) / 10.0, q, {}), sheet_errors([], [], [])
+    white = {"N": 1e-3, "accelerometer": 1e-2}
+    up = attitude_matrix(q[0])[:, 2]
+    P = case_of(course, white, errors, 1.0).truth.start[:3, :3]
+    np.testing.assert_allclose(P, START_STD**2 * (np.eye(3) - np.outer(up, up)))
+    P = case_of(course, white | {"magnetometer": 1e-7}, errors, 1.0).truth.start
+    np.testing.assert_allclose(P[:3, :3], START_STD**2 * np.eye(3))
+
+
+def test_a_walk_that_a_rest_cannot_show_is_said(capsys, tmp_path):
+    """It doubles the variance of the mean of the rest, N^2/T + K^2 T/3."""
+    from simval.cli.tell import measured
+
+    rows = 3000
+    white = np.random.default_rng(2).standard_normal((rows, 6)) * np.repeat(
+        [0.02, 1e-3], 3
+    )
+    white += np.repeat([[0.0, 0.0, 9.81, 0.0, 0.0, 0.0]], rows, axis=0)
+    log, file = tmp_path / "rest.csv", tmp_path / "noise.json"
+    np.savetxt(log, np.column_stack([np.arange(rows) / 50.0, white]), delimiter=",",
+               header="t,ax,ay,az,wx,wy,wz", comments="")  # fmt: skip
+    assert run(["noise", str(log), "--json", "--gyro-unit", "rad/s"]) == 0
+    file.write_text(capsys.readouterr().out)
+    size, ends, fact = measured(file, {})
+    assert size["N"] == pytest.approx(1e-3 / np.sqrt(50.0), rel=0.1)
+    held = json.loads(file.read_text())["rest"]
+    seconds = 3.0**0.5 * size["N"] / size["K"]
+    assert fact.notable
+    assert f"below what {seconds:.0f} s can show" in fact.words
+    assert 30.0 < seconds <= 60.0, held
+    assert ends[0]["K"] < 1.0 < ends[1]["K"]
+
+
+def test_a_field_of_one_has_the_strength_of_the_motion(tmp_path):
+    """Shares stay, and the matrix is to tesla."""
+    from simval.cli.tell import calibrated
+    from simval.imu.calibrate import calibrate, save_calibration
+    from simval.poses import fibonacci_sphere
+
+    file, s = tmp_path / "c.json", 1e-3
+    save_calibration(file, calibrate(9.8 * fibonacci_sphere(12), 9.8, noise_std=1e-3))
+    document = json.loads(file.read_text())
+    document["magnetometer"] = {
+        "M": (2.0 * np.eye(3)).tolist(), "field": 0.5,
+        "covariance": (s**2 * np.eye(13)).tolist(),
+    }  # fmt: skip
+    file.write_text(json.dumps(document))
+    M, C = calibrated(file, 4e-5)["magnetometer"]
+    np.testing.assert_allclose(M, 2.0 * 4e-5 / 0.5 * np.eye(3))
+    np.testing.assert_allclose(np.diagonal(C)[:9], (s / 2.0) ** 2)
+    # an offset of the reading by s, in tesla
+    np.testing.assert_allclose(np.diagonal(C)[9:], (s * M[0, 0]) ** 2)
+
+
 def test_a_row_of_several_feels_their_mean():
     from simval.cli.tell import Course
 

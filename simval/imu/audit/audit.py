@@ -29,6 +29,8 @@ from simval.text import number
 
 ALPHA: Final = 1e-3
 """Rate at which a right simulator is refused."""
+PARTS: Final = 4
+"""Of the rate: each sensor, the noise that is claimed, seeds that are shared."""
 MUCH: Final = 0.01  # of a reading; less that nothing explains is no verdict
 QUESTIONS: Final = (
     "frame", "scale", "axes", "linear", "gravity", "lever", "delay", "instants",
@@ -231,7 +233,7 @@ class Audit(Told):
         if "noise" not in self.only:
             return None
         title = "Is the noise as declared, and of each axis its own?"
-        level = self.alpha / max(3 * len(self.sensors), 1)
+        level = self.alpha / PARTS / max(3 * len(self.sensors), 1)
         far = [
             x for x in self.claims if x.chances is not None and x.chances.min() < level
         ]
@@ -373,7 +375,7 @@ def audit(
     pieces_or_refuse(pieces)
     found: dict[str, SensorAudit] = {}
     guess: Array | None = None
-    rate = alpha / 2.0
+    rate = alpha / PARTS
     kinds: Mapping[str, type[SensorTerms]] = {
         "gyroscope": GyroscopeTerms, "accelerometer": AccelerometerTerms,
     }  # fmt: skip

@@ -354,6 +354,12 @@ def test_a_drift_is_taken_into_the_fit_as_it_is_advised(kind, tmp_path, simval):
     assert "accelerometer in time" in said
     document = json.loads(out.read_text())
     found = document["drift"]["sensors"]["accelerometer"]
+    if kind == "bias":  # by the hour, as a force
+        size = np.linalg.norm(load_calibration(out).matrix[:, 0])
+        (hour,) = re.findall(r"bias, m/s²/h +(-?[\d.]+) ±", said)
+        assert float(hour) == pytest.approx(
+            3600.0 * size * found["coefficients"][0][0], rel=0.05
+        )
     # the order of the poses hides no drift that is in the fit
     judged = {each["about"]: each for each in document["judgements"]}
     hidden = "in the fit" not in judged["order of the poses"]["words"]

@@ -60,7 +60,7 @@ HEADERS = ["t,ax,ay,az", "t,quat_a_w,quat_a_x,quat_a_y,quat_a_z,orient_w,orient_
 
 @pytest.mark.parametrize("header", HEADERS, ids=["none", "two", "no clock"])
 def test_one_quaternion_and_a_clock_are_wanted(header, log, tmp_path):
-    rows = np.tile(log.truth.components, 2)
+    rows = np.tile(log.truth.components, 3)
     rows[:, 0] = log.truth.time if header[0] == "t" else rows[:, 0]
     width = header.count(",") + 1
     path = str(written(tmp_path / "a.csv", header, rows[:, :width]))
