@@ -216,10 +216,8 @@ class Quote:
 
     of: Statistic  # of which row
     by: str = ""  # its predictor
-    # in which it is told without its error; None tells value and error as they
-    # are
+    # in which it is told; None tells it as it is
     unit: Unit | None = None
-    digits: int = 2  # of a number in a unit
     # whether it is an angle, told in degrees or, if small, in milliradians
     angle: bool = False
     over: bool = False  # whether it is told over its prediction

@@ -282,6 +282,32 @@ def p_values(rows: Iterable[Row]) -> Float[Array, " n"]:
 
 
 @np.errstate(all="ignore")  # what is no number has an obstacle
+def shares(verdicts: Sequence[Verdict]) -> Float[Array, " n"]:
+    """Distance of each row from theory over what it is allowed; 1 just passes.
+
+    A sampled row is allowed its remainder and as much chance as eq. (V1) at its limit;
+    NaN of a row that cannot be judged.
+    """
+    columns = _columns([verdict.row for verdict in verdicts])
+    limit = np.array([verdict.limit for verdict in verdicts], dtype=float)
+    error, law = columns.standard_error, freedom(columns.n)
+    # in standard errors, between a whole tail at the limit and half of it
+    low, high = (-scipy.special.stdtrit(law, limit / k) for k in (1.0, 2.0))
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        beyond = -middle - 2.0 * columns.remainder / error
+        p = scipy.special.stdtr(law, -middle) + scipy.special.stdtr(law, beyond)
+        low, high = np.where(p > limit, (middle, high), (low, middle))
+    allowed = np.where(columns.sampled, columns.remainder + high * error, limit)
+    distance = np.abs(columns.value - columns.prediction)
+    distance = np.where(columns.check == "limit", columns.value, distance)
+    none = np.where(distance > allowed, np.inf, 0.0)  # nothing is allowed
+    share = np.where(allowed > 0.0, distance / allowed, none)
+    share[columns.obstacles > 0] = np.nan
+    return np.asarray(share, dtype=float)
+
+
+@np.errstate(all="ignore")  # what is no number has an obstacle
 def judge(
     rows: Iterable[tuple[CellName, Row]], alpha: float = ALPHA
 ) -> tuple[Verdict, ...]:
@@ -453,6 +479,7 @@ OBSTACLES: tuple[Callable[[Row], str], ...] = (
 )
 """Why a row cannot be judged; the first that holds is said."""
 
+HALVINGS = 20  # of an interval of some tenths of a standard error
 ROUNDS = 9
 """In which a number of samples and Student's t by it settle to a percent."""
 TOO_FEW = 4

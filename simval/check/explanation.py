@@ -12,17 +12,16 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from simval.account import Account, Fact, Line, Quantity, Reply, Values
-from simval.check.causes import sound, unjudged, why
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
 from simval.judge import Finding, GateResult, findings, headline
+from simval.judge.causes import advice, off, sound, unjudged, why
 from simval.judge.findings import rounded_up
 from simval.judge.gate import BEGIN, outcome
 from simval.judge.steps import loss
 from simval.plugins.loading import Meant
 from simval.plugins.names import located, portable
 from simval.results import CellName, Row
-from simval.spelling import measured, rounded
 from simval.statistics import (
     AT_AN_INSTANT,
     DIAGNOSES,
@@ -39,70 +38,12 @@ from simval.sweep.cells import CellResult
 from simval.text import one_line
 from simval.verdict import WORST_FIRST
 
-_UNEQUAL: Final = (
-    "trials and cubature of the same function disagree: it jumps, or depends on more "
-    "than its arguments"
-)
-_KNOWS: Final = (
-    "nobody can be better than the bound: it knows the truth, or what it saw before"
-)
-
-_ADVICE: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "failures": "mend the formula there, or declare the class in `fails_at`",
-        "first_order_bias": (
-            "an estimate that is right without noise has no error proportional to it: "
-            "look for an offset, an absolute value or a threshold"
-        ),
-        "below_bound": _KNOWS,
-        "squared_error_over_predicted": (
-            "rare trials are far off, more than cubature shows: look for a threshold"
-        ),
-        "greatest_error": (
-            "rare trials are far off, heavy tails: look for a threshold, or a step "
-            "that is not taken"
-        ),
-        "variance_over_equal_weights": (
-            "it would be better with equal weights: the weights are inverse "
-            "variances, in the order of the vectors"
-        ),
-        "class_bias": "this is not the bias of its `kind`: mend it, or declare none",
-        "class_covariance": (
-            "this is not the covariance of its `kind`: mend it, or declare none"
-        ),
-        "cubature_bias": "the bias is greater than terms of second order can make it",
-        "cubature_bias_at_small_noise": "an error is left that does not shrink with it",
-        "bias": _UNEQUAL,
-        "covariance": _UNEQUAL,
-        "nees": "the covariance that it states is not that of its errors",
-        "claim_off": "the covariance is not exact: declare the order that it keeps",
-        "claim_off_at_the_noise": "the covariance is not that of its errors",
-        "claim_off_at_half_noise": "the covariance lacks a term of the claimed order",
-        "unit_length": "the quaternions are not of unit length",
-    }
-)
-"""By family of statistics, of estimators."""
-
-_OF: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
-    {
-        "calibrator": {
-            **_ADVICE,
-            "bias": "a parameter is off by more than any sound residual makes it",
-        },
-        "filter": {  # of the others `why` says it
-            "diverged": "it loses the attitude, or never finds it",
-            "rms_below_bound": _KNOWS,
-        },
-    }
-)
-
 
 def advice_on(finding: Finding) -> str:
     """Advice on a failure; empty where its reason says it."""
     if finding.answer != "fail" or not finding.statistic:
         return ""
-    family = finding.statistic.partition("[")[0]
-    words = _OF.get(finding.study, _ADVICE).get(family, "")
+    words = advice(finding.study, finding.statistic.partition("[")[0])
     return words and _sentence(words)
 
 
@@ -267,18 +208,7 @@ def _off(finding: Finding, checked: Checked) -> str:
         return ": ".join(filter(None, (finding.what, finding.reason)))
     if finding.more is not None:
         return f"its {row.statistic.family.words} needs more trials"
-    of = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
-    unit = "" if row.unit == "1" else f" {row.unit}"
-    verb = "is allowed" if row.check == "limit" else "is expected"
-    return (
-        f"its {row.statistic.family.words}{of} is "
-        f"{_number_words(row)}{unit}, where {rounded(row.prediction, 3)} {verb}"
-    )
-
-
-def _number_words(row: Row) -> str:
-    error = row.standard_error
-    return measured(row.value, error) if 0.0 < error < inf else rounded(row.shown, 3)
+    return f"its {off(row)}"
 
 
 def _lines_of(bad: Mapping[Finding, int], checked: Checked) -> Iterator[str]:

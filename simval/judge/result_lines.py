@@ -210,7 +210,7 @@ SHOWN = 8
 
 def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
     """State what changed from one run to another, and which way."""
-    changed, total = found.kinds.count("changed"), whole(found.total)
+    changed = found.kinds.count("changed")
     settings = short_names(b.cells)
     dependencies = [Fact("differs", each, notable=True) for each in found.environment]
     alone = [
@@ -221,10 +221,9 @@ def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
     if not found.total:
         said = f"Cannot tell: they have nothing in common; {shared_words(a, b)}."
     elif changed:
-        each = " changed" if found.total == 1 else "s changed"
-        said = f"Yes: {whole(changed)} of {total} value{each}: {_ways(found.count)}."
+        said = f"Yes: {changed_words(changed, found.total, found.count)}."
     else:
-        said = f"No change in {counted(found.total, 'value')}."
+        said = f"{changed_words(0, found.total, found.count)}."
     lines = []
     if found.within:
         lines.append(
@@ -260,6 +259,14 @@ def _verdict(total: int, count: Callable[[Standing], int]) -> Answer:
     if count("worse"):
         return "fail"
     return "inconclusive" if not total or count("neither") else "pass"
+
+
+def changed_words(changed: int, total: int, count: Callable[[Standing], int]) -> str:
+    """How many of some values changed, and which way."""
+    if not changed:
+        return f"No change in {counted(total, 'value')}"
+    values = "value changed" if total == 1 else "values changed"
+    return f"{whole(changed)} of {whole(total)} {values}: {_ways(count)}"
 
 
 def _ways(count: Callable[[Standing], int]) -> str:

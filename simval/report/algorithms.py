@@ -32,7 +32,7 @@ from simval.judge.algorithms import (
 )
 from simval.plugins.loading import BESIDE, BUILTIN
 from simval.ranking import Ranking, ranked
-from simval.report.answers import Line
+from simval.report.answers import Line, closest, number_of
 from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
 from simval.report.formatting import LEAST_DEGREES, angle, begun, setting_words, spelled
@@ -456,12 +456,13 @@ def _line_of_best(contest: Contest) -> Line:
     found, value, count = best(contest, contest.settings)
     what = begun(spelled(contest.study))
     if value is None:
-        said = "not measured"
+        said = "Not measured."
         return Line(what=what, said=said, link="algorithms", answer="inconclusive")
     return Line(
         what=what,
-        said=f"{measured(*value)} {BOUND}",
-        where=f"{found[0]}, {_place(found, contest)}; {_over(count)}",
+        said=f"{found[0]}, {_place(found, contest)}.",
+        number=number_of(f"{what}, best error", *value, BOUND),
+        where=_over(count),
         link="algorithms",
     )
 
@@ -474,12 +475,16 @@ def _place(tied: Sequence[str], contest: Contest) -> str:
 
 def _line(context: Context, contest: Contest, name: str) -> Line:
     """What is said of one algorithm of a user."""
-    ended = answer_of(contest.of(name), context.verdicts)
+    cells = contest.of(name)
+    ended, names = answer_of(cells, context.verdicts), {cell.named for cell in cells}
+    share, checks = closest([v for v in context.verdicts if v.cell in names])
     line = Line(
         what=called(contest.algorithms)[name],
-        said=f"no result{'' if ended in WORST_FIRST else f': {ended}'}",
+        said=f"No result{'' if ended in WORST_FIRST else f': {ended}'}.",
         link="algorithms",
         answer=next((word for word in WORST_FIRST if word == ended), "fail"),
+        share=share,
+        checks=checks,
     )
     value, settings = contest.mean(name)
     if value is None:
@@ -489,19 +494,21 @@ def _line(context: Context, contest: Contest, name: str) -> Line:
     if other is not None:
         # over the settings of both, so that like is set beside like
         value = contest.mean(name, contest.accuracy[beside])[0] or value
-        against = f"; {beside} {measured(*other)}"
+        against = f"{beside} {measured(*other)}"
     rows = [row for cell in contest.of(name) if (row := size_row(cell)) is not None]
     size = ""
     if rows:
         sizes = dict.fromkeys(f(row.value for row in rows) for f in (min, max))
         unit = rows[0].unit
         told = (angle(x) if unit == "rad" else f"{rounded(x)} {unit}" for x in sizes)
-        size = f"{' to '.join(told)} RMS; "
+        size = f"{' to '.join(told)} RMS"
     failing = fails_at(contest.failures[name])
-    fails = f"; fails at {failing}" if failing not in ("", "nowhere") else ""
+    fails = f"fails at {failing}" if failing not in ("", "nowhere") else ""
+    said = "; ".join(filter(None, (size, against, fails)))
     return replace(
         line,
-        said=f"{size}{measured(*value)} {BOUND}{against}{fails}",
+        said=f"{begun(said)}.",
+        number=number_of(f"{line.what}, error", *value, BOUND, against),
         where=_over(count or len(settings)),
     )
 

@@ -1,7 +1,8 @@
 """Every check against theory: counts by family, each check, figures of failing ones."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import Figure
 from simval.judge.findings import reproduce
-from simval.judge.gate import GateResult
 from simval.report.curves import (
     PREFERRED,
     Measured,
@@ -22,15 +22,16 @@ from simval.report.curves import (
 )
 from simval.report.findings import Claim, claiming
 from simval.report.formatting import axis_words, sign_of_entries, spelled
-from simval.report.gallery import panels_of
+from simval.report.gallery import drawn, panels_of
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table, tabulated
 from simval.results import CellName, Row
-from simval.statistics import Statistic
+from simval.statistics import NEES_AT, Statistic
+from simval.studies import STUDIES
 from simval.sweep import Run
 from simval.sweep.run import CellResult
-from simval.verdict import WORST_FIRST, Verdict
+from simval.verdict import WORST_FIRST, Verdict, shares
 
 # ---- figures of failing checks
 
@@ -45,33 +46,51 @@ def disagreements_section(context: Context) -> Section | None:
     failing = [v for v in context.verdicts if v.answer == "fail"]
     if not failing:
         return None
-    keys = figure_names(context.verdicts)
-    firsts: dict[Key, Verdict] = {}
-    for verdict in failing:
-        firsts.setdefault(key_of(verdict), verdict)
-    drawings = [
-        drawing
-        for key, name in keys.items()
-        if (drawing := _drawing(context, firsts[key], name)) is not None
-    ]
-    kinds = len(firsts)
+    drawings = failing_figures(context)
     return made(
-        drawings,
-        failing=len(failing),
-        reasons=[
-            (reproduce(v.cell, context.folder), v.row, v.reason)
-            for v in failing[:MAX_FIGURES]
-        ],
-        kinds=kinds,
+        drawings[FIRST:],
+        kinds=len({key_of(v) for v in failing}),
         shown=len(drawings),
     )
 
 
+FIRST = 1
+"""Figures of failing checks that stand on the first screen."""
+
+
+def failing_figures(context: Context) -> list[Drawing]:
+    """A figure of each kind of failing check, that of what is farthest off first."""
+    keys = figure_names(context.verdicts)
+    firsts: dict[Key, Verdict] = {}
+    for verdict in context.verdicts:
+        if verdict.answer == "fail":
+            firsts.setdefault(key_of(verdict), verdict)
+    found = [
+        drawing
+        for key, name in keys.items()
+        if (drawing := _drawing(context, firsts[key], name)) is not None
+    ]
+    return [*_over_time(context, firsts), *found]
+
+
+def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
+    """How a filter that fails leaves what it states, over time."""
+    if not any(study == "filter" for study, _, _ in failing):
+        return []
+    return [
+        drawing
+        for figure in STUDIES["filter"].shown
+        if isinstance(figure, Figure) and NEES_AT in figure.rows
+        for drawing in drawn(replace(figure, name="failing-time"),
+                             context.cells("filter"))
+    ]  # fmt: skip
+
+
 def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
     """Name the figure of each kind of failing check."""
-    kinds = dict.fromkeys(
-        key_of(v) for v in verdicts if v.answer == "fail" and v.cell.name
-    )
+    failing = [v for v in verdicts if v.answer == "fail" and v.cell.name]
+    order = np.argsort(-shares(failing), kind="stable")  # what is no number comes last
+    kinds = dict.fromkeys(key_of(failing[i]) for i in order)
     return {key: f"failing{i}" for i, key in enumerate(kinds) if i < MAX_FIGURES}
 
 
@@ -166,16 +185,7 @@ def checks_section(context: Context) -> Section | None:
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
-        found=_counted(context.judged),
     )
-
-
-def _counted(judged: GateResult) -> str:
-    """Numbers of checks by result."""
-    counts = Counter(map(_answer, judged.verdicts))
-    order = (*WORST_FIRST, "wide")
-    told = [f"{counts[word]:,} {word}" for word in order if counts[word]]
-    return f"{', '.join(told)}." if told else ""
 
 
 def _families(context: Context) -> Table:

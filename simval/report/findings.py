@@ -185,7 +185,7 @@ class Claim:
     @cached_property
     def curve(self) -> Curve:
         """Those rows, each named, one after the other."""
-        found, places = self.rows, _places(self.cells)
+        found, where = self.rows, places(self.cells)
         numbers = [read(row)[:4] for _, row in found]
         value, error, prediction, rest = np.array(numbers).reshape(-1, 4).T
         return Curve(
@@ -196,7 +196,7 @@ class Claim:
             prediction=prediction,
             remainder=rest,
             names=[
-                " at ".join(filter(None, (self._called(row), places[cell.name])))
+                " at ".join(filter(None, (self._called(row), where[cell.name])))
                 for cell, row in found
             ],
         )
@@ -218,7 +218,7 @@ class Claim:
         return self.found.said(self.subject, self.theory)
 
 
-def _places(cells: Sequence[CellResult]) -> dict[str, str]:
+def places(cells: Sequence[CellResult]) -> dict[str, str]:
     """What sets each cell apart from the others, in words."""
     studies: dict[str, list[CellResult]] = {}
     for cell in cells:

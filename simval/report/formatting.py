@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from simval.spelling import rounded
 from simval.statistics import ORDER_2, ORDER_4, ORDER_4_SOURCE, Statistic
-from simval.units import COUNT, DEGREE, MILLIRADIAN, Unit
+from simval.units import DEGREE, MILLIRADIAN
 
 # ---- numbers
 
@@ -20,15 +20,11 @@ LEAST_DEGREES = 2e-3
 """Angles below this, rad, are told in milliradians: a tenth of a degree."""
 
 
-def in_unit(value: float, unit: Unit, digits: int = 2) -> str:
-    """A value of a row in a unit for people."""
-    gap = "" if unit in (DEGREE, COUNT) else " "
-    return f"{rounded(value * unit.factor, digits)}{gap}{unit.name}"
-
-
 def angle(value: float) -> str:
     """An angle in degrees, a small one in milliradians."""
-    return in_unit(value, DEGREE if value >= LEAST_DEGREES else MILLIRADIAN, 3)
+    unit = DEGREE if value >= LEAST_DEGREES else MILLIRADIAN
+    gap = "" if unit is DEGREE else " "
+    return f"{rounded(value * unit.factor, 3)}{gap}{unit.name}"
 
 
 def sign_of_entries(statistics: Iterable[Statistic]) -> str:

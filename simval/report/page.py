@@ -6,7 +6,7 @@ line says what it found.
 """
 
 import re
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from simval.errors import InputError
 from simval.judge import compare_runs, judge_run
 from simval.report import algorithms, checks, pictures, record, study_sections, summary
 from simval.report.algorithms import has_user_code
-from simval.report.answers import comparable, linked
+from simval.report.answers import comparable
 from simval.report.panels import Drawing
 from simval.report.section import (
     Against,
@@ -25,6 +25,7 @@ from simval.report.section import (
     part_of,
     template,
 )
+from simval.report.study_table import study_lines
 from simval.report.table import Table
 from simval.studies import STUDIES
 from simval.sweep import Run
@@ -98,19 +99,9 @@ class Chapter:
     """A section behind a fold."""
 
     section: Section
-    finding: str  # what it found, or its first figure with a finding; may be empty
     mark: str  # how many of its checks are no pass, in words; empty where all are
     answer: Answer  # the worst of them
     open: bool
-
-    @property
-    def contents(self) -> str:
-        """What is behind the fold, where no figure says what was found."""
-        counts = (
-            (len(self.section.drawings), "figure"),
-            (len(self.section.tables), "table"),
-        )
-        return ", ".join(f"{n} {what}{'s' if n > 1 else ''}" for n, what in counts if n)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,10 +143,8 @@ def _chapter(section: Section, answers: Sequence[Answer], opened: bool) -> Chapt
         f"{failed:,} check{'s fail' if failed > 1 else ' fails'}" if failed else "",
         f"{unclear:,} inconclusive" if unclear else "",
     ]
-    findings = (drawing.finding for drawing in section.drawings if drawing.finding)
     return Chapter(
         section=section,
-        finding=str(section.values.get("found") or next(findings, "")),
         mark=", ".join(filter(None, parts)),
         answer=worst(answers),
         open=opened or worst(answers) != "pass",
@@ -205,6 +194,10 @@ def render(
         title=run.manifest["title"] or run.manifest["suite"],
         sections=shown,
         groups=groups(shown, context.verdicts, own, everything=opened),
+        studies=study_lines(
+            context, shown, {title: list(each) for title, each in GROUPS.items()}
+        ),
+        line=summary.source_line(context),
         version=run.manifest["versions"]["simval"],
         source=f"the run folder {run.folder.name}",
     )
@@ -252,17 +245,7 @@ def _sections(context: Context) -> tuple[Section, ...]:
             also = study_sections.SHOWN if anchor == "statistics" else ()
             more = study_sections.elsewhere(context, anchor, also)
             found.append(replace(section.under(anchor, title), elsewhere=more))
-    anchors = {section.anchor for section in found}
-    return tuple(_linked(section, anchors) for section in found)
-
-
-def _linked(section: Section, anchors: Container[str]) -> Section:
-    """The section, its answers linked only to what the page has."""
-    blocks = section.values.get("answers")
-    if not isinstance(blocks, tuple):
-        return section
-    answers = tuple(linked(block, anchors) for block in blocks)
-    return replace(section, values={**section.values, "answers": answers})
+    return tuple(found)
 
 
 def _unfolded(page: str) -> str:

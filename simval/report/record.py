@@ -60,7 +60,6 @@ def numbers_section(context: Context) -> Section | None:
     return made(
         tables=[table],
         folder=context.run.folder.name,
-        found=f"{len(rows):,} statistics of {len(context.run.cells):,} cells.",
     )
 
 

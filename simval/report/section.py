@@ -12,7 +12,7 @@ noise levels, geometries or seeds. The verdict stays that of all cells.
 import hashlib
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from math import prod
@@ -113,8 +113,6 @@ class Part:
     run: Run  # with these cells alone
     names: frozenset[str] = frozenset()  # of the cells, where they are not all
     said: str = ""  # which they are; empty where they are all
-    # how many cells of each study the run has, where they are not all
-    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 def part_of(run: Run) -> Part:
@@ -139,7 +137,7 @@ def part_of(run: Run) -> Part:
         "checks that did not pass."
     )
     shown = replace(run, cells=chosen)
-    return Part(run=shown, names=names, said=said, counts=counts)
+    return Part(run=shown, names=names, said=said)
 
 
 def thinned(axes: Axes, count: int, room: int) -> dict[str, frozenset[str]]:

@@ -416,7 +416,6 @@ def other_section(context: Context) -> Section | None:
         [drawing for _, drawings, _ in parts for drawing in drawings],
         [table for _, _, tables in parts for table in tables],
         parts=parts,
-        found=" ".join(f"{title}.".replace("?.", "?") for title, _, _ in parts),
     )
 
 

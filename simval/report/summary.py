@@ -1,9 +1,11 @@
-"""The first screen: the verdict in one line, three answers, and the two figures.
+"""The first screen: the verdict as a sentence, key numbers, figures, and why it fails.
 
-**How wrong** takes for each study the size of its errors in one chosen cell: that of
-the middle noise level (of two middle ones the smaller) and the most poses, and of the
-algorithm that the suite names first; of several such cells the one with the greatest
-error. Noise-free cells have no error to tell. The other two answers are in `answers`.
+**Key numbers** are those that the studies name in their headlines, each in one chosen
+cell: that of the middle noise level (of two middle ones the smaller) and the most
+poses, and of the algorithm that the suite names first; of several such cells the one
+with the greatest error. Noise-free cells have no error to tell.
+
+A run that fails opens with the reason (`failing`).
 
 A suite with a question varies parameters of one study besides noise and effort. Then
 the figure over the one that says most is on the first screen, a curve for each value of
@@ -11,41 +13,48 @@ the others: "how many poses do I need, and how long?" Where a run has a user's c
 algorithms come next and the figures after them.
 """
 
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
 
 from simval.change import EFFORT
 from simval.figures import Figure, Headline, Quote
-from simval.judge import headline
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
-from simval.judge.findings import reproduce
-from simval.report.algorithms import has_user_code, lines_of_algorithms
+from simval.judge.algorithms import algorithm_of
+from simval.judge.gate import outcome
+from simval.judge.result_lines import gate_account
+from simval.judge.runs import origin_of
+from simval.report.algorithms import has_user_code, lines_of_algorithms, own
 from simval.report.answers import (
-    SHOWN,
-    Block,
-    Line,
-    as_theory_says,
+    Number,
+    changes,
     in_order,
-    worse_than_before,
+    number_of,
 )
+from simval.report.checks import FIRST, failing_figures
+from simval.report.comparison import moves_table
 from simval.report.curves import PREFERRED, numeric, spans, varying
-from simval.report.formatting import angle, begun, in_unit, setting_words, spelled
+from simval.report.failing import FAILING, failing_table, reason
+from simval.report.formatting import LEAST_DEGREES, begun, setting_words, spelled
 from simval.report.gallery import drawn
 from simval.report.panels import Drawing, Panel
-from simval.report.section import Context, Section, home, made
+from simval.report.section import Context, Section, made
 from simval.report.study_sections import shown_of
 from simval.results import Row
-from simval.spelling import measured, rounded
+from simval.spelling import counted, measured, rounded, whole
 from simval.statistics import (
     APART,
     COVARIANCE_ORDER,
     COVERAGE,
+    CRAMER_RAO,
     LEADING_ERROR_RATIO,
     LIMIT_RATIO,
+    NEES,
+    NIS,
     REST_FORCE,
     RMS,
     RMS_OVER_BOUND,
@@ -57,14 +66,18 @@ from simval.statistics import (
 )
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
+from simval.text import one_line
+from simval.units import DEGREE, MILLIRADIAN
 
 # ---- what a cell says
 
 
 class Reading(NamedTuple):
-    """The message of a cell, and the rank of its error among the cells of its study."""
+    """What a cell says, and the rank of its error among the cells of its study."""
 
     said: str
+    numbers: Sequence[Number]
+    ratio: Number  # what stands for all of them: over the bound, or over theory
     size: float
     n: int
 
@@ -73,30 +86,48 @@ def of_headline(headline: Headline, cell: CellResult) -> Reading | None:
     """What a cell says by the headline of its study; None without all of its rows."""
     rows = {name: cell.row(q.of, q.by) for name, q in headline.quotes.items()}
     found = {name: row for name, row in rows.items() if row is not None}
-    said = {name: _quoted(q, rows[name]) for name, q in headline.quotes.items()}
-    if "" in said.values():
+    numbers = {
+        name: number
+        for name, q in headline.quotes.items()
+        if name in found
+        and (number := _quoted(name, q, cell.study, found[name])) is not None
+    }
+    if len(numbers) < len(rows):
         return None
-    first = found[next(iter(headline.quotes))]
-    return Reading(headline.says.format(**said), first.value, first.n)
+    first = found[next(iter(rows))]
+    ratio = numbers.pop("over", None)
+    if ratio is not None:
+        ratio = ratio._replace(unit=headline.says.partition("{over} ")[2])
+    shown = list(numbers.values()) or [ratio] if ratio else list(numbers.values())
+    said = headline.says.format(
+        over=ratio.said.removesuffix(f" {ratio.unit}") if ratio else "",
+        **{name: number.said for name, number in numbers.items()},
+    )
+    return Reading(said, shown, ratio or shown[0], first.value, first.n)
 
 
-def _quoted(quote: Quote, row: Row | None) -> str:
-    """The number in words; empty without one."""
-    numbers = () if row is None else (row.value, row.standard_error)
-    if row is None or not np.isfinite(numbers).all():
-        return ""
-    if quote.angle:
-        return angle(quote.times * row.value)
-    if quote.unit is not None:
-        return in_unit(row.value, quote.unit, quote.digits)
-    if quote.over and row.prediction is not None and row.prediction > 0.0:
-        return _ratio(row)
-    if not row.value > 0.0 or quote.over:
-        return ""
-    root = float(np.sqrt(row.value))
+def _quoted(name: str, quote: Quote, study: str, row: Row) -> Number | None:
+    """The number of a headline; None without one."""
+    over, predicted = name == "over", row.prediction or 0.0
+    value, error = quote.times * row.value, quote.times * row.standard_error
+    if quote.over:
+        value, error = (x / predicted if predicted else np.nan for x in (value, error))
+    if not np.isfinite([value, error]).all() or (over and not value > 0.0):
+        return None
     if quote.root:
-        return measured(root, row.standard_error / 2.0 / root)
-    return measured(*numbers)
+        value, error = float(np.sqrt(value)), error / 2.0 / float(np.sqrt(value))
+    label, beside = begun(spelled(study)), ""
+    if not over and predicted > 0.0 and row.standard_error > 0.0:
+        words = "the bound" if row.predictor == CRAMER_RAO else "theory"
+        ratio = measured(row.value / predicted, row.standard_error / predicted)
+        beside = f"{ratio} × {words}"
+    of = quote.unit
+    if quote.angle:
+        of = DEGREE if value >= LEAST_DEGREES else MILLIRADIAN
+    label += {"over": ", error", "angle": ""}.get(name, f" {name}")
+    if of is None:
+        return number_of(label, value, error, beside=beside)
+    return number_of(label, of.factor * value, of.factor * error, of.name, beside)
 
 
 ANY = (
@@ -119,7 +150,19 @@ ANY = (
 def any_reading(cell: CellResult) -> Reading | None:
     """Reading of a cell whose study has no headline."""
     row = headline_row(cell)
-    return None if row is None else Reading(_told(row), _distance(row), row.n)
+    if row is None:
+        return None
+    unit = "" if row.unit == "1" else row.unit
+    who = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
+    what, beside = f"{row.statistic.family.words}{who}", ""
+    if row.prediction is not None and row.check != "limit":
+        beside = f"{rounded(row.prediction, 3)} predicted"
+    number = number_of(
+        f"{begun(spelled(cell.study))}, {what}",
+        row.shown, row.standard_error, unit, beside,
+    )  # fmt: skip
+    said = "; ".join(filter(None, (f"{what} {number.said}", beside)))
+    return Reading(said, [number], number, _distance(row), row.n)
 
 
 def headline_row(cell: CellResult) -> Row | None:
@@ -133,21 +176,6 @@ def headline_row(cell: CellResult) -> Row | None:
     return None
 
 
-def _told(row: Row) -> str:
-    unit = "" if row.unit == "1" else f" {row.unit}"
-    who = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
-    said = f"{row.statistic.family.words} {_value(row)}{unit}{who}"
-    if row.check == "limit" or row.prediction is None:
-        return said
-    return f"{said}; {rounded(row.prediction, 3)} predicted"
-
-
-def _value(row: Row) -> str:
-    sampled = row.standard_error > 0.0
-    exact = partial(rounded, digits=3)
-    return measured(row.value, row.standard_error) if sampled else exact(row.shown)
-
-
 def _distance(row: Row) -> float:
     """How far a value is from its prediction, or from nothing."""
     if row.prediction is None or not np.isfinite(row.prediction):
@@ -155,12 +183,7 @@ def _distance(row: Row) -> float:
     return abs(row.value - row.prediction) / (abs(row.prediction) or 1.0)
 
 
-def _ratio(row: Row) -> str:
-    by = row.prediction or 1.0
-    return measured(row.value / by, row.standard_error / by)
-
-
-# ---- how wrong
+# ---- the cell that is told
 
 NOISES = (
     "noise_std",
@@ -177,50 +200,6 @@ MIDDLE = (*NOISES, "multiplier")
 
 ALGORITHM = ("estimator", "residual", "estimate", "sigma", "trim")
 """Parameters that choose an algorithm or set it, not what it is given."""
-
-RULE = (
-    "Each number is of the cell with its study's middle noise level, most poses and "
-    "first algorithm; of several such cells, the one with the greatest error. "
-    "\N{PLUS-MINUS SIGN}: standard error."
-)
-
-
-def how_wrong(context: Context) -> Block:
-    """Answer how great the errors are."""
-    lines = lines_of_algorithms(context)
-    told = {line.what for line in lines}
-    for study in in_order([cell.study for cell in context.run.cells]):
-        if study in OF_ALGORITHMS and told:
-            continue
-        lines.append(_line(context, study))
-    return Block(
-        title="How wrong",
-        answer="pass",
-        headline="",
-        lines=lines,
-        note=RULE,
-        fold="more algorithms" if len(told) > SHOWN else "more studies",
-    )
-
-
-def _line(context: Context, study: str) -> Line:
-    cells = context.cells(study)
-    found = chosen(study, cells)
-    if found is None:
-        left = [cell for cell in context.run.cells if cell.study == study]
-        endings = dict.fromkeys(cell.ending for cell in left if cell not in cells)
-        ended = {"pending": "never run", "done": "without numbers"}
-        why = ", ".join(ended.get(word, word) for word in endings)
-        said = f"not measured{f': {why}' if why else ''}"
-        return Line(what=begun(spelled(study)), said=said, answer="inconclusive")
-    cell, reading = found
-    return Line(
-        what=begun(spelled(study)),
-        said=reading.said,
-        where=where(cell, cells, reading.n),
-        link=home(study),
-        command=reproduce(cell.named, context.folder),
-    )
 
 
 def chosen(
@@ -373,6 +352,83 @@ def _ends(panel: Panel, value: str) -> str:
     )
 
 
+# ---- key numbers
+
+MOST = 5
+"""Key numbers of a page."""
+OF_FIRST = 3
+"""Of them those of the most important study, where there are others."""
+
+
+def readings(context: Context) -> dict[str, tuple[CellResult, Reading]]:
+    """What each study says, by the cell that stands for it, in order."""
+    studies = in_order([cell.study for cell in context.run.cells])
+    found = {study: chosen(study, context.cells(study)) for study in studies}
+    return {study: each for study, each in found.items() if each is not None}
+
+
+def key_numbers(
+    context: Context, told: Mapping[str, tuple[CellResult, Reading]]
+) -> tuple[list[Number], list[str]]:
+    """Three to five numbers, and the settings in which they were measured."""
+    algorithms = lines_of_algorithms(context)
+    numbers = [line.number for line in algorithms if line.number][:MOST]
+    settings = [f"{each.what}: {each.where}" for each in algorithms if each.number]
+    if len(numbers) < OF_FIRST:
+        numbers += _of_own(context)
+    others = {
+        study: each
+        for study, each in told.items()
+        if study not in OF_ALGORITHMS or not algorithms
+    }
+    most = OF_FIRST if len(others) > 1 else MOST
+    for study, (cell, reading) in others.items():
+        if len(numbers) >= MOST:
+            break
+        own_numbers = [*reading.numbers]
+        if reading.ratio not in own_numbers and len(others) == 1:
+            own_numbers.append(reading.ratio)
+        numbers += own_numbers[: min(most, MOST - len(numbers))]
+        place = where(cell, context.cells(study), reading.n)
+        settings.append(f"{begun(spelled(study))}: {place}")
+        most = 1
+    return numbers, settings
+
+
+def _of_own(context: Context) -> list[Number]:
+    """More of a user's algorithm: whether it is as it states, and its error."""
+    failed = {v.cell for v in context.verdicts if v.answer == "fail"}
+    cells = [
+        cell
+        for cell in context.run.cells
+        if cell.study in OF_ALGORITHMS and cell.rows and own(algorithm_of(cell))
+    ]
+    cell = next((c for c in cells if c.named in failed), next(iter(cells), None))
+    if cell is None:
+        return []
+    name = one_line(algorithm_of(cell))
+    numbers = [
+        number_of(
+            ", ".join((name, row.statistic.family.words, *row.statistic.entries)),
+            *(row.value, row.standard_error),
+            beside=f"due {rounded(row.prediction, 3)}",
+        )
+        for family in (NEES, NIS)
+        for row in cell.rows
+        if row.statistic.family == family
+        and not row.statistic.controlled
+        and row.prediction is not None
+    ]
+    headline = STUDIES[cell.study].headline
+    reading = headline and of_headline(headline, cell)
+    study = begun(spelled(cell.study))
+    more = [
+        each._replace(label=f"{name}, error{each.label.removeprefix(study)}")
+        for each in (reading.numbers if reading else ())
+    ]
+    return [*numbers, *more][: MOST - 1]
+
+
 # ---- section
 
 EXPLAINED = {
@@ -382,39 +438,79 @@ EXPLAINED = {
     "these data (Cramér and Rao).",
     "theory": "Theory: what was predicted before anything was simulated.",
 }
-"""What the first screen uses without a word, by what stands in its lines."""
+"""What the first screen uses without a word, by what stands in its numbers."""
 
 
 def summary_section(context: Context) -> Section | None:
     """Make the section."""
-    run = context.run
-    part = context.part
-    studies = dict(part.counts) if part else {}
-    if not studies:
-        for cell in run.cells:
-            studies[cell.study] = studies.get(cell.study, 0) + 1
-    wrong = how_wrong(context)
-    used = " ".join(line.said for line in wrong.first)
+    judged = context.judged
+    told = readings(context)
+    numbers, settings = key_numbers(context, told)
+    used = " ".join(f"{each.label} {each.unit} {each.beside}" for each in numbers)
+    first, _, rest = outcome(judged).partition("; ")
+    due = reason(context)
+    found = changes(context)
+    table = failing_table(context)
+    moves = [
+        replace(moves_table(change.moves, {}), name=f"changed{i}", shown=FAILING)
+        for i, change in enumerate(found)
+        if change.moves
+    ]
+    sampled = sum(v.p_value is not None and not v.wide for v in judged.verdicts)
+    total = judged.counts.total()
     return made(
-        () if has_user_code(run) else figures(context),
-        explained=[words for key, words in EXPLAINED.items() if key in used],
-        answers=(
-            wrong,
-            as_theory_says(context),
-            worse_than_before(context),
-        ),
-        answer=context.judged.answer,
-        headline=headline(context.judged),
-        sampled=sum(
-            v.p_value is not None and not v.wide for v in context.judged.verdicts
-        ),
-        part=part.said if part else "",
-        judged=context.judged.counts.total(),
-        alpha=context.alpha,
-        manifest=run.manifest,
-        studies=studies,
-        samples=sum(map(_samples, run.cells)),
+        first_figures(context),
+        [*([table] if table else []), *moves],
+        answer=judged.answer,
+        headline=due.said if due else f"{begun(first)}.",
+        notes=[
+            f"{begun(outcome(judged) if due else rest)}." if due or rest else "",
+            context.part.said if context.part else "",
+            "" if due else gate_account(judged).replies[0].do,
+        ],
+        reason=due,
+        numbers=numbers,
+        settings=settings,
+        explained=[words for key, words in EXPLAINED.items() if key in f"{used} "],
+        changes=found,
+        report=f"simval report {shlex.quote(context.folder)}",
+        rate=_rate(sampled, total, context.alpha),
     )
+
+
+def _rate(sampled: int, total: int, alpha: float) -> str:
+    """Which checks share the false-alarm rate."""
+    if not total:
+        return ""
+    rate = f"the false-alarm rate of {alpha:g} for all together"
+    if not sampled:
+        return "No check has to do with chance."
+    if sampled == total:
+        return f"All checks rest on random samples and share {rate}."
+    return (
+        f"{whole(sampled)} of the checks rest on random samples and share {rate}; the "
+        "others are deterministic."
+    )
+
+
+def source_line(context: Context) -> list[str]:
+    """Where a page comes from: suite, date, size and seeds."""
+    run, part, origin = context.run, context.part, origin_of(context.run)
+    seeds = [str(seed) for seed in run.manifest["grid"]["seed"]]
+    trials = sum(map(_samples, run.cells))
+    shown = " in those shown" if part and part.said else ""
+    found = [f"{run.manifest['suite']} suite"]
+    if origin.started:
+        day = datetime.fromisoformat(origin.started)
+        found.append(f"{day.day} {day:%B %Y, %H:%M}")
+    found += [
+        counted(run.manifest["cells"], "cell"),
+        f"{counted(trials, 'trial')}{shown}",
+        f"seed {', '.join(seeds)}" if len(seeds) < FAILING else f"{len(seeds)} seeds",
+    ]
+    if context.against is not None:
+        found.append(f"against {context.against.run.folder.name}")
+    return found
 
 
 def _samples(cell: CellResult) -> int:
@@ -431,9 +527,17 @@ def figures(context: Context) -> list[Drawing]:
     return shown_of(context, "summary")[0] if asked is None else [asked]
 
 
+def first_figures(context: Context) -> list[Drawing]:
+    """Figures of the first screen: of what fails, else of the package's algorithms."""
+    return failing_figures(context)[:FIRST] or (
+        [] if has_user_code(context.run) else figures(context)
+    )
+
+
 def overview_section(context: Context) -> Section | None:
-    """The two figures of the first screen, where a user's algorithms are there."""
-    drawings = figures(context) if has_user_code(context.run) else []
-    if not drawings:
+    """The package's own figures, where others are on the first screen."""
+    drawings = figures(context)
+    names = {drawing.name for drawing in first_figures(context)}
+    if not drawings or names & {drawing.name for drawing in drawings}:
         return None
     return made(drawings)

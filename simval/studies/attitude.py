@@ -369,11 +369,7 @@ FIGURES = (
         value="RMS error",
         single=True,
         ratio=False,
-        beside=[replace(LEFT, rows=[stat.LEFT_OUT("covariance")], slope=None)],
-        caption=(
-            "Attitude error against noise. Right: how far the covariance of each "
-            "formula is from exact, on a scale that shows the differences."
-        ),
+        caption="Attitude error against noise.",
     ),
     Figure(
         name="closeness",

@@ -463,7 +463,7 @@ HEADLINE = Headline(
     quotes={
         "impure": Quote(of=stat.IMPURE(), unit=COUNT),
         "intervals": Quote(of=stat.INTERVALS(), unit=COUNT),
-        "precision": Quote(of=stat.PRECISION(), unit=PERCENT, digits=3),
-        "recall": Quote(of=stat.RECALL(), unit=PERCENT, digits=3),
+        "precision": Quote(of=stat.PRECISION(), unit=PERCENT),
+        "recall": Quote(of=stat.RECALL(), unit=PERCENT),
     },
 )

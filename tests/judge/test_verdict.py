@@ -28,6 +28,7 @@ from simval.verdict import (
     p_values,
     powers,
     powers_by_study,
+    shares,
 )
 
 NAME = CellName("study", "cell")
@@ -413,6 +414,32 @@ def test_a_study_s_power_is_the_median_over_its_quantities():
     assert powers([(NAME, GOOD), (NAME, changed(check="record"))])[0] == (
         judged(GOOD)[0].power
     )
+
+
+@pytest.mark.parametrize(
+    "row_",
+    [
+        *(changed(remainder=each) for each in (0.0, 0.3, 7.0)),
+        changed(remainder=2.0, check="exact"),
+        changed(prediction=9.0, check="limit"),
+    ],
+    ids=str,
+)
+def test_a_share_of_one_is_where_the_answer_changes(row_):
+    def at(value):
+        (verdict,) = judged(replace(row_, value=value))
+        (share,) = shares([verdict])
+        return verdict.answer, share
+
+    start = row_.prediction if row_.check != "limit" else 0.0
+    edge = start + 1.0 / at(start + 1.0)[1]
+    for k in (0.25, 0.5, 1.0 - OFF):
+        answer, share = at(start + k * (edge - start))
+        assert answer == "pass"
+        assert share == pytest.approx(k, rel=1e-6)
+    answer, share = at(start + (1.0 + OFF) * (edge - start))
+    assert (answer, share > 1.0) == ("fail", True)
+    assert shares(judged(changed(value=nan))) != shares(judged(changed(value=nan)))
 
 
 def apart(*rows, alpha=1e-3):

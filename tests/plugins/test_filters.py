@@ -31,7 +31,6 @@ from sound import (
 )
 
 from simval.check import Checked, check_function
-from simval.check.causes import sound, why
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import (
     attitude_error,
@@ -42,6 +41,7 @@ from simval.geometry import (
 )
 from simval.imu.filters.mekf import Mekf
 from simval.judge import judge_run
+from simval.judge.causes import sound, why
 from simval.plugins import Filter, find_plugin, find_world, run_filter
 from simval.plugins.answers import sound_covariances
 from simval.plugins.loading import Meant

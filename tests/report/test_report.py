@@ -154,7 +154,7 @@ def test_the_page_says_what_the_gate_says(tiny_run, what):
     run = edited_run(tiny_run, *statements)
     assert judge_run(run).answer == answer.lower()
     page = render(run)
-    assert f"<strong>{answer}</strong>" in page
+    assert f'<span class="mark {answer.lower()}">{answer}</span>' in page
     assert words in page
     assert "<b>x</b>" not in page
     assert ("<svg" in page) == (what not in ("empty", "crashed"))
@@ -168,7 +168,7 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run):
         "AND entries = json_array('x') AND cell = 3",
     )
     page = render(run)
-    assert "<strong>FAIL</strong>" in page
+    assert '<span class="mark fail">FAIL</span>' in page
     assert '<section id="disagreements"' in page
     table = next(t for t in tables(run) if t.name == "verdicts")
     kinds = [row[0] for row in table.rows]
@@ -178,6 +178,10 @@ def test_a_failing_check_comes_first_with_its_figure(tiny_run):
     titles = [column.title for column in table.columns]
     first = dict(zip(titles, table.rows[0], strict=True))
     assert first["statistic"] == "bias[x]"
+    # on the first screen stands the one that is farthest beyond what is allowed
+    (short,) = (t for t in tables(run) if t.name == "failing")
+    assert len(short.rows) == len({row[2:4] for row in table.rows[:failing]})
+    assert re.search(r'verdict">.*?FAIL</span> <span>Attitude: ', page)
     assert f'id="figure-{first["figure"]}"' in page
     name = first["command"]
     assert name == f"simval repro --run tiny '{run.cells[3].name}'"

@@ -1,10 +1,11 @@
-"""Why a filter is wrong, by the rows of its cells.
+"""Why an algorithm is wrong: advice by statistic, and for a filter by its rows.
 
 A cause is named only where one form of error (`simval.studies.filter_errors`) or one
 reading stands out, with the number that shows it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ import scipy
 
 from simval.arrays import Array
 from simval.results import Row
-from simval.spelling import measured
+from simval.spelling import measured, rounded
 from simval.statistics import (
     CONSTANT,
     NEES,
@@ -64,6 +65,84 @@ _FORMS: Final = {
     ),
 }
 """Forms of an error that is the same in every trial, and where to look."""
+
+_UNEQUAL: Final = (
+    "trials and cubature of the same function disagree: it jumps, or depends on more "
+    "than its arguments"
+)
+_KNOWS: Final = (
+    "nobody can be better than the bound: it knows the truth, or what it saw before"
+)
+
+_ADVICE: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "failures": "mend the formula there, or declare the class in `fails_at`",
+        "first_order_bias": (
+            "an estimate that is right without noise has no error proportional to it: "
+            "look for an offset, an absolute value or a threshold"
+        ),
+        "below_bound": _KNOWS,
+        "squared_error_over_predicted": (
+            "rare trials are far off, more than cubature shows: look for a threshold"
+        ),
+        "greatest_error": (
+            "rare trials are far off, heavy tails: look for a threshold, or a step "
+            "that is not taken"
+        ),
+        "variance_over_equal_weights": (
+            "it would be better with equal weights: the weights are inverse "
+            "variances, in the order of the vectors"
+        ),
+        "class_bias": "this is not the bias of its `kind`: mend it, or declare none",
+        "class_covariance": (
+            "this is not the covariance of its `kind`: mend it, or declare none"
+        ),
+        "cubature_bias": "the bias is greater than terms of second order can make it",
+        "cubature_bias_at_small_noise": "an error is left that does not shrink with it",
+        "bias": _UNEQUAL,
+        "covariance": _UNEQUAL,
+        "nees": "the covariance that it states is not that of its errors",
+        "claim_off": "the covariance is not exact: declare the order that it keeps",
+        "claim_off_at_the_noise": "the covariance is not that of its errors",
+        "claim_off_at_half_noise": "the covariance lacks a term of the claimed order",
+        "unit_length": "the quaternions are not of unit length",
+    }
+)
+"""By family of statistics, of estimators."""
+
+_OF: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
+    {
+        "calibrator": {
+            **_ADVICE,
+            "bias": "a parameter is off by more than any sound residual makes it",
+        },
+        "filter": {  # of the others `why` says it
+            "diverged": "it loses the attitude, or never finds it",
+            "rms_below_bound": _KNOWS,
+        },
+    }
+)
+
+
+def advice(study: str, family: str) -> str:
+    """Where to look if a check of this family fails; empty if its reason says it."""
+    return _OF.get(study, _ADVICE).get(family, "")
+
+
+def off(row: Row) -> str:
+    """What a judged row has found, and what is due."""
+    of = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
+    unit = "" if row.unit == "1" else f" {row.unit}"
+    verb = "is allowed" if row.check == "limit" else "is expected"
+    error = row.standard_error
+    number = (
+        measured(row.value, error) if 0.0 < error < np.inf else rounded(row.shown, 3)
+    )
+    return (
+        f"{row.statistic.family.words}{of} is {number}{unit}, where "
+        f"{rounded(row.prediction or 0.0, 3)} {verb}"
+    )
+
 
 Rows = dict[str, Row]
 
