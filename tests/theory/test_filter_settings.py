@@ -176,7 +176,9 @@ def test_a_sensor_without_noise_is_refused(short):
 
 
 def test_a_band_is_above_for_each_motion_and_below_for_their_mean():
-    found = FilterEffect(np.ones(2), np.array([[2.0, 4.0], [1.0, 3.0]]))
+    found = FilterEffect(
+        np.ones(2), np.array([[2.0, 4.0], [1.0, 3.0]]), np.ones((2, 2))
+    )
     high, low = np.log(np.array([2.0, 4.0, 1.0, 3.0]) / 3.3), np.log([1.0, 1.5 / 3.5])
     np.testing.assert_allclose(found.excess((1.5, 3.3)), [*high, *low], atol=1e-15)
 
