@@ -250,6 +250,6 @@ def test_a_terminal_is_drawn_and_ctrl_c_ends_it(tiny_suite, tmp_path):
     text = b"".join(shown).decode()
     assert process.returncode == 130, text
     assert text.count("\r") >= 2
-    assert "left, worst:" in text
+    assert "left, at work:" in text
     assert "to continue: simval sweep accuracy --out" in text
     assert load_run(tmp_path / "run").cells

@@ -54,6 +54,10 @@ multiplier = [3.0, 6.0]
 trials = 2
 [diagnosis]
 logs = ["holds", "of known noise"]
+[told]
+setting = ["true noise", "tenfold"]
+gyroscope_error = [1e-3, 1e-2]
+trials = 64
 """
 
 
