@@ -27,20 +27,21 @@ def text(account: Account) -> str:
         "tests": str(len(answers)), "failures": str(answers.count("fail")),
         "errors": str(answers.count("inconclusive")),
     }  # fmt: skip
-    root = ElementTree.Element("testsuites", {"name": _clean(account.name)} | counts)
-    head = {"name": _clean(account.name)} | counts
+    root = ElementTree.Element("testsuites", {"name": clean(account.name)} | counts)
+    head = {"name": clean(account.name)} | counts
     suite = ElementTree.SubElement(root, "testsuite", head)
     for reply in account.replies:
         case = ElementTree.SubElement(
-            suite, "testcase", classname=_clean(account.title), name=_clean(reply.title)
+            suite, "testcase", classname=clean(account.title), name=clean(reply.title)
         )
         if reply.answer != "pass":
             tag = "failure" if reply.answer == "fail" else "error"
-            said = ElementTree.SubElement(case, tag, message=_clean(reply.headline))
-            said.text = _clean("\n".join([reply.do, *reply.lines]))
+            said = ElementTree.SubElement(case, tag, message=clean(reply.headline))
+            said.text = clean("\n".join([reply.do, *reply.lines]))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _clean(words: str) -> str:
+def clean(words: str) -> str:
+    """Words without what no XML may have."""
     return _NOT_XML.sub("\ufffd", words)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import click
 
 from simval.cli.options import (
+    PROJECT_FILES,
     AsJson,
     Columns,
     From,
@@ -36,7 +37,6 @@ from simval.cli.options import (
     with_rows,
     write,
 )
-from simval.cli.outputs import Output
 from simval.cli.terminal import say, show
 from simval.errors import InputError, RefusedError
 from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
@@ -146,11 +146,7 @@ def command(
         tuple[tuple[str, Path], ...],
         "Write the calibration as parameters of a project to FILE: "
         f"{', '.join(TARGETS)}. What the project cannot hold is said.",
-        dict(
-            type=(click.Choice(TARGETS), Output(dir_okay=False)),
-            multiple=True,
-            metavar="PROJECT FILE",
-        ),
+        PROJECT_FILES,
     ] = (),
     as_json: AsJson = False,
     verbose: Annotated[

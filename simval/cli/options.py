@@ -36,7 +36,14 @@ from simval.cli.outputs import Command, Input, Output, require_free
 from simval.errors import InputError, noting
 from simval.text import as_whole, read_whole, shown
 from simval.units import OF_A_LOG
-from simval.vocabulary import RUNS, SCENES, STUDIES, GyroRows, builtin_suites
+from simval.vocabulary import (
+    RUNS,
+    SCENES,
+    STUDIES,
+    TARGETS,
+    GyroRows,
+    builtin_suites,
+)
 
 if TYPE_CHECKING:
     from simval.imu.logs import Log
@@ -211,6 +218,12 @@ def _files(word: str) -> list[CompletionItem]:
 LogPath = Annotated[Path, dict(metavar="LOG")]
 RunName = Annotated[str, dict(shell_complete=runs)]
 OutFile = Annotated[Path, Output(dir_okay=False)]
+PROJECT_FILES = dict(
+    type=(click.Choice(TARGETS), Output(dir_okay=False)),
+    multiple=True,
+    metavar="PROJECT FILE",
+)
+"""Files to write for projects, each by its name."""
 OutFolder = Annotated[Path, Output()]
 Positive = Annotated[float, _Positive()]
 StatedGravity = Annotated[float, _Gravity()]

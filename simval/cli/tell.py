@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import click
 
 from simval.cli.options import (
+    PROJECT_FILES,
     AsJson,
     Columns,
     From,
@@ -26,7 +27,6 @@ from simval.cli.options import (
     unit_words,
     write,
 )
-from simval.cli.outputs import Output
 from simval.cli.terminal import say, show
 from simval.errors import InputError
 from simval.vocabulary import SCENES, TARGETS, Model
@@ -136,11 +136,7 @@ def command(
     to: Annotated[
         tuple[tuple[str, Path], ...],
         f"Write the settings for a project to FILE: {', '.join(TARGETS)}.",
-        dict(
-            type=(click.Choice(TARGETS), Output(dir_okay=False)),
-            multiple=True,
-            metavar="PROJECT FILE",
-        ),
+        PROJECT_FILES,
     ] = (),
     as_json: AsJson = False,
     verbose: Annotated[

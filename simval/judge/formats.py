@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from simval.account.junit import clean
 from simval.account.markdown import text
 from simval.judge.findings import Finding, details, findings, groups
 from simval.judge.gate import GateResult, headline
@@ -37,8 +38,6 @@ ANNOTATIONS = 10
 
 DOT = "\N{MIDDLE DOT}"
 """In place of each dot of a class in JUnit XML, which readers take for packages."""
-
-_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 class Entry(BaseModel):
@@ -137,22 +136,22 @@ def to_junit(result: GateResult) -> str:
     for study in dict.fromkeys(f.study for f in entries):
         members = tuple(f for f in entries if f.study == study)
         spent = sum(seconds[f.cell] for f in members)
-        head = {"name": _xml(study)} | _counted(members) | {"time": f"{spent:.6f}"}
+        head = {"name": clean(study)} | _counted(members) | {"time": f"{spent:.6f}"}
         suite = ElementTree.SubElement(root, "testsuite", head)
         for f in members:
             case = ElementTree.SubElement(
                 suite,
                 "testcase",
-                classname=_xml((str(f.cell) or "run").replace(".", DOT)),
-                name=_xml(f"{f.tier} {f.check} {f.what}".rstrip()),
+                classname=clean((str(f.cell) or "run").replace(".", DOT)),
+                name=clean(f"{f.tier} {f.check} {f.what}".rstrip()),
                 time=f"{seconds[f.cell]:.6f}",
             )
             if f.answer != "pass":
                 tag = "failure" if f.answer == "fail" else "error"
                 detail = ElementTree.SubElement(
-                    case, tag, type=_kind(f), message=_xml(f.reason)
+                    case, tag, type=_kind(f), message=clean(f.reason)
                 )
-                detail.text = _xml("\n".join(details(f)))
+                detail.text = clean("\n".join(details(f)))
             if f.wide:
                 why = "too wide: it allows more than it predicts"
                 ElementTree.SubElement(case, "skipped", message=why)
@@ -236,10 +235,6 @@ def _markdown(text: str) -> str:
     """Text that Markdown shows as it is."""
     flat = " ".join(text.split())
     return re.sub(r"([\\`*_{}\[\]<>#|!~])", r"\\\1", flat).replace("&", "&amp;")
-
-
-def _xml(text: str) -> str:
-    return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def _escaped(text: str) -> str:

@@ -262,7 +262,7 @@ class SensorTerms:
         rate: Callable[[Array], Array],
     ) -> tuple[Array, ...]:
         """Columns of time beside delay and width."""
-        raise NotImplementedError
+        return ()
 
     def rounding(self, piece: Piece, time: Array) -> tuple[Array, ...]:
         """Draws of the error of the ideal reading by the truth's rounding."""
@@ -330,16 +330,6 @@ class GyroscopeTerms(SensorTerms):
         """The rate alone."""
         now = path.at(time)
         return now.rate[..., None], now
-
-    def timing(
-        self,
-        now: Kinematics,
-        motion: Array,
-        state: Expansion,
-        rate: Callable[[Array], Array],
-    ) -> tuple[Array, ...]:
-        """None."""
-        return ()
 
     def rounding(self, piece: Piece, time: Array) -> tuple[Array, ...]:
         """Twice the derivative of the quaternion's."""
