@@ -274,7 +274,10 @@ def gravity_of(
         return Gravity(g, std or 0.0, "stated" if stated("g") else "assumed")
     refuse_if(stated("g"), "`--g` and the place both say gravity; give one of the two")
     if latitude is None or height is None:
-        msg = "gravity of a place is by `--latitude` and `--height` together; give both"
+        msg = (
+            "`--latitude` and `--height` go together; give both, or state "
+            "gravity with `--g`"
+        )
         raise InputError(msg)
     found = local_gravity(latitude, height)
     return found if std is None else found._replace(std=std)

@@ -279,7 +279,10 @@ def filters_of(plugins: Sequence[str]) -> dict[str, str]:
     for plugin in plugins:
         held = [each for each in meant(plugin) if each.field == Filter.taken_by]
         if not held:
-            msg = f"{plugin} holds no Filter, and that is what runs over a log"
+            msg = (
+                f"{plugin} holds no Filter; only a Filter runs over a log, so give "
+                "the file of one"
+            )
             raise UnusablePluginError(msg)
         for each in held:
             found[each.name if each.name not in found else each.word] = each.word
@@ -349,15 +352,16 @@ def _require_six(filter: Filter) -> None:
     unknown = {"field", "magnetometer_noise"}.intersection(filter.reads)
     if filter.magnetometer:
         msg = (
-            f"{filter.name} takes a magnetometer, and the log has none: give a filter "
-            "of six axes (simval:mekf-six, or your own with magnetometer=False), or "
-            "name the magnetometer's columns (--columns)"
+            f"{filter.name} takes a magnetometer and the log has none; give a "
+            "filter of six axes (simval:mekf-six, or your own with "
+            "magnetometer=False), or name the columns of the magnetometer "
+            "(--columns)"
         )
         raise UnusablePluginError(msg)
     if unknown:
         msg = (
-            f"{filter.name} reads `{'`, `'.join(sorted(unknown))}`, and the log has no "
-            "magnetometer to tell them; leave them out of its `reads`"
+            f"{filter.name} reads `{'`, `'.join(sorted(unknown))}`, which a log "
+            "without a magnetometer cannot give; take them out of its `reads`"
         )
         raise UnusablePluginError(msg)
 

@@ -109,13 +109,16 @@ def command(
     else:
         show(account, verbose=verbose)
     if not any(axis.coefficients for axes, _ in sensors.values() for axis in axes):
-        msg = f"{path}: no axis has a noise model; the reasons stand with each axis"
+        msg = f"{path}: no axis has a noise model; the reason for each is above"
         raise RefusedError(msg)
 
 
 def _require_present(name: str, unit: str | None, rows: Any, path: Path) -> None:
     if unit is not None and rows is None:
-        msg = f"`--{name}-unit` is given, and {path} has no {name}; name its columns"
+        msg = (
+            f"`--{name}-unit` is given, but {path} has no {name}; leave it out, "
+            "or name its columns (--columns)"
+        )
         raise InputError(msg)
 
 

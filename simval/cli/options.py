@@ -296,8 +296,9 @@ def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":
 
     if log.gyro is None and (kind != "found" or delay_ms):
         msg = (
-            f"{log.path} has no gyroscope, of whose rows `--gyro-rows` and "
-            "`--gyro-delay` are; leave them out, or name its columns (--columns)"
+            f"{log.path} has no gyroscope, so `--gyro-rows` and `--gyro-delay` "
+            "have no meaning; leave them out, or name the columns of a "
+            "gyroscope (--columns)"
         )
         raise InputError(msg)
     known = "before" if kind == "found" else kind

@@ -229,7 +229,10 @@ def noise_of(
     others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
-            msg = "`--noise-std` is the noise of a pose mean; leave out the rest"
+            msg = (
+                "`--noise-std` states the noise of a pose mean already; leave out "
+                "the other noise options"
+            )
             raise InputError(msg)
         return noise_std
     if hold is None:

@@ -350,9 +350,9 @@ def refuse(
         bound = float(np.inf if full_scale is None else full_scale)
         pose, axis = np.argwhere(np.abs(poses) >= bound)[0]
         msg = (
-            f"pose {pose} reads {poses[pose, axis]:g} on axis {'xyz'[axis]}, at or "
-            f"beyond full scale ({bound:g}); a saturated reading says nothing about "
-            "the force, so remove the pose or use a wider range"
+            f"pose {pose} reads {poses[pose, axis]:g} on axis {'xyz'[axis]}, at "
+            f"or beyond full scale ({bound:g}); a saturated reading does not "
+            "show the force, so remove the pose, or use a wider range"
         )
         raise RefusedError(msg)
     if suspects:
