@@ -260,7 +260,7 @@ def _kept(shown, printed):
 
 
 def draw(walk):
-    """Draw the pictures of a page: each file as a browser shows it, its first screen."""
+    """Draw the pictures of a page: the first screen of each file, in a browser."""
     found = PICTURE.findall(walk.page.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as folder, browser(folder) as shown:
         for picture, file in found:

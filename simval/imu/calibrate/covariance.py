@@ -77,6 +77,7 @@ from simval.imu.calibrate.solver import Code, inverse_root, negative_pivots
 from simval.imu.sensor.readable import NORMAL_95
 from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
+from simval.spelling import counted
 
 
 class Summary(NamedTuple):
@@ -409,7 +410,8 @@ def _noise_message(poses: Float[Array, "n 3"]) -> str:
     dof = len(poses) - PARAMETERS
     if dof > FEW:
         return message
-    told = f"{dof} degree(s) of freedom say too little of the noise"
+    left = counted(dof, "degree of freedom", "degrees of freedom")
+    told = f"{left} say too little of the noise"
     return f"{message}, and {told}: {STATE_NOISE}"
 
 

@@ -389,7 +389,7 @@ CLOCKS = [  # header, times, stated rate, the rate that is read or what is said
     *((PLAIN, 1e3 * start + 10.0 * STEPS, None, 100.0) for start in (1e9, 2.5e9 - 1.0)),
     *((PLAIN, 1e3 * start + 10.0 * STEPS, None, UNIT) for start in (1e9 - 1.0, 2.5e9)),
     # and a stated rate tells the tick: SI units, 0.1 ms of Xsens's SampleTimeFine
-    *((PLAIN, STEPS / rate / tick, off * rate, rate if off < 1.1 else "by the time column|says |a gap")
+    *((PLAIN, STEPS / rate / tick, off * rate, rate if off < 1.1 else "time |a gap")
       for tick, rate in ((1, 50.0), (1e-3, 400.0), (1e-4, 100.0), (1e-6, 50.0),
                          (1e-9, 400.0))
       for off in (1.0, 1.09, 0.91, 1.12)),

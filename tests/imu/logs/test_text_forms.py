@@ -273,7 +273,7 @@ OTHER = [*LABELLED[:20], "ax:1,ay:2,az:3", *LABELLED[20:]]
 YAML = "header:\n  stamp:\n    sec: 1\n    nanosec: 2\n  frame_id: imu\n---\n" * 9
 AT_100 = {"rate": 100.0}
 REFUSED = {  # what is spoilt so that no word mends it
-    "the clock jumps back at a header": (lines(*PLAIN, *PLAIN), {}, "the header stands again"),
+    "the clock jumps back at a header": (lines(*PLAIN, *PLAIN), {}, "stands again"),
     "a header again, no clock": (lines(*THREES, *THREES), AT_100, "no clock says how"),
     "many rows above a header": (lines(*PLAIN[20:50], *PLAIN), {}, "split the file"),
     "a row cut in the middle": (
