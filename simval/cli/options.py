@@ -260,15 +260,16 @@ Rest = Annotated[
 ]
 RowsOf = Annotated[
     GyroRows,
-    "What a row of the gyroscope is: the mean rate over the step before its stamp or "
-    "after it, or the rate of that instant; found by the accelerometer where the log "
-    "can tell, else taken as before.",
+    "What a row of the gyroscope is: the mean rate over the step "
+    "before its stamp or after it, or the rate at that instant. If the "
+    "log can show it, the accelerometer decides; otherwise it is taken "
+    "as before.",
     dict(name="--gyro-rows"),
 ]
 GyroDelay = Annotated[
     float,
     Number(-500.0, 500.0),
-    "By how much these rows are late against the accelerometer's.",
+    "How late these rows are, compared with the accelerometer's.",
     dict(metavar="MS"),
 ]
 Page = Annotated[
