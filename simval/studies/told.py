@@ -44,7 +44,9 @@ from simval.theory.filter_settings import (
     honest_settings,
 )
 
-TITLE = "What a filter is told: does prediction hold, and is what is found right?"
+TITLE = (
+    "Settings of a filter: does the prediction hold, and are the settings found right?"
+)
 SECTION = "settings"
 
 BLOCK = 8  # trials; part of the promise of equal bits
@@ -200,7 +202,7 @@ def setting_rows(found: FilterSettings | None) -> tuple[Row, ...]:
 
 _OVER_ERROR = Figure(
     name="told-nees",
-    asked="What must a filter be told so that its covariance is right?",
+    asked="Which settings make a filter's covariance right?",
     says="The normalised squared error, of which 3 is right: {each}.",
     rows=[stat.NEES()],
     along="gyroscope_error",

@@ -44,6 +44,7 @@ from simval.imu.sensor import forms
 from simval.imu.sensor.readable import WIDE
 from simval.poses import GEOMETRY_LIMIT, PARAMETERS, geometry_loss
 from simval.shapes import Float
+from simval.spelling import counted
 
 LEAST_FREEDOM = 10  # dof from which a doubled scatter is seen with 80 %, at `BELIEVED`
 
@@ -295,8 +296,10 @@ def verdict(
     said += "the residuals are what the noise explains"
     if dof < LEAST_FREEDOM:
         said += (
-            f", as far as {dof} degree(s) of freedom can tell (scatter of up to "
-            f"{np.sqrt(high):.1f} times the noise would pass); more poses would tell"
+            ", as far as "
+            f"{counted(dof, 'degree of freedom', 'degrees of freedom')} can "
+            f"show (scatter of up to {np.sqrt(high):.1f} times the noise would "
+            "pass); more poses would show more"
         )
     return said
 

@@ -90,7 +90,7 @@ class SourceError(NamedTuple):
                 f"matrix of the {self.cause}: taken to change by "
                 f"{100.0 * self.size:.2g} % in the course of the log"
             )
-        what = f"rotations of the {self.cause}: beside its noise they"
+        what = f"rotations of the {self.cause}: in addition to its noise they"
         if self.cause == "hold":
             what = "holds: by what the body turns in them unseen rotations"
         return f"{what} are taken to be off by {np.degrees(self.size):.2g} degrees"
@@ -109,7 +109,10 @@ class SourceError(NamedTuple):
         degrees = f"{np.degrees(self.size):.2g}°"
         if self.cause == "hold":
             return f"the body turns unseen by {degrees} in the holds"
-        return f"rotations of the {self.cause} are off by {degrees} beside its noise"
+        return (
+            f"rotations of the {self.cause} are off by {degrees} in addition to "
+            "its noise"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
