@@ -271,7 +271,7 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
     no variance in some other direction.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        variances = np.diagonal(each, axis1=1, axis2=2)
+        variances = np.linalg.diagonal(each)
         std = np.sqrt(np.maximum(variances, 0.0))
         for k in range(definite, std.shape[1], 3):
             part = std[:, k : k + 3]

@@ -73,7 +73,7 @@ def defects(raw: Float[Array, "n ..."], components: str) -> Float[Array, " n"]:
         lengths: Array = np.abs(np.linalg.norm(raw, axis=1) - 1.0)
         return lengths
     # a column that is too long by x has a square that is too great by 2x
-    gram = (raw.swapaxes(1, 2) @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
+    gram = (raw.mT @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
     worst: Array = np.abs(gram).max(axis=(1, 2))
     return worst
 
@@ -120,9 +120,9 @@ def package_quaternion(
 
 def _quaternion_of(M: Float[Array, "n 3 3"]) -> Float[Array, "n 4"]:
     # scalar last, Hamilton's product: R(q) v = q v q*
-    trace = np.trace(M, axis1=1, axis2=2)
+    trace = np.linalg.trace(M)
     N = np.empty((len(M), 4, 4))
-    N[:, :3, :3] = M + M.swapaxes(1, 2) - trace[:, None, None] * np.eye(3)
+    N[:, :3, :3] = M + M.mT - trace[:, None, None] * np.eye(3)
     turn = [M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]]
     N[:, :3, 3] = N[:, 3, :3] = np.stack(turn, axis=1)
     N[:, 3, 3] = trace

@@ -62,7 +62,7 @@ class VectorNoise:
     @property
     def relative(self) -> Float[Array, " m"]:
         """Root mean square per axis for a size of 1; of tangent noise across it."""
-        deviations: Array = np.sqrt(np.trace(self.unit, axis1=1, axis2=2) / 3.0)
+        deviations: Array = np.sqrt(np.linalg.trace(self.unit) / 3.0)
         return deviations
 
     @property
@@ -121,7 +121,7 @@ class VectorNoise:
         """Symmetric root of each covariance; what times normal numbers is the noise."""
         values, axes = np.linalg.eigh(self.covariances(vectors))
         scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-        roots: Array = scaled @ axes.swapaxes(-1, -2)
+        roots: Array = scaled @ axes.mT
         return roots
 
     def read(
@@ -160,8 +160,8 @@ def _named(name: str, k: int) -> VectorNoise:
         rng = np.random.default_rng(20_270)
         axes = np.linalg.qr(rng.standard_normal((k, 3, 3)))[0]
         variances = 10.0 ** rng.uniform(-2.0, 0.0, (k, 3))
-        skew = axes @ (variances[:, :, None] * axes.swapaxes(1, 2))
-        unit[:k] = (skew + skew.swapaxes(1, 2)) / 2.0
+        skew = axes @ (variances[:, :, None] * axes.mT)
+        unit[:k] = (skew + skew.mT) / 2.0
     return VectorNoise(unit=unit, tangent=name == "tangent")
 
 
@@ -197,7 +197,7 @@ def _matrices(text: str) -> Float[Array, "m 3 3"]:
         )
         raise InputError(msg)
     matrices: Array = value
-    if not np.array_equal(matrices, matrices.swapaxes(1, 2)):
+    if not np.array_equal(matrices, matrices.mT):
         msg = f"`noise` is {text:.60}; its covariances must be symmetric"
         raise InputError(msg)
     return matrices

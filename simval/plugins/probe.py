@@ -202,7 +202,7 @@ def probe_covariance(estimator: Estimator, exact: Exact, noise: VectorNoise) -> 
         seen = small.noise_std**2 * np.einsum("dni,dnj->nij", J, J)
         apart = np.linalg.norm(claimed - seen, axis=(-2, -1))
         off[side] = float(np.max(apart / np.linalg.norm(seen, axis=(-2, -1))))
-        traces = (np.trace(each, axis1=-2, axis2=-1) for each in (claimed, seen))
+        traces = (np.linalg.trace(each) for each in (claimed, seen))
         factor[side] = float(np.median(np.divide(*traces)))
     side, other = estimator.side, "reference" if estimator.side == "body" else "body"
     most = SPREAD_TOLERANCE + SPREAD_NOISE

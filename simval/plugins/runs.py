@@ -75,7 +75,7 @@ def written(filter: Filter, q: Float[Array, "... 4"], world: str) -> Array:
     own = compose(conjugate(QUATERNIONS[world]), normalize(q))
     if filter.components == "matrix":
         A = attitude_matrix(own)
-        return A if filter.matrix == "active" else np.swapaxes(A, -1, -2).copy()
+        return A if filter.matrix == "active" else A.mT.copy()
     if filter.matrix == "active":
         own = conjugate(own)
     return np.roll(own, 1, axis=-1) if filter.components == "sxyz" else own
@@ -99,8 +99,8 @@ def on_body_side(
     if filter.side == "reference":
         turn = np.broadcast_to(np.eye(covariance.shape[-1]), covariance.shape).copy()
         turn[:, :3, :3] = attitude_matrix(own)
-        turned = turn @ covariance @ turn.swapaxes(1, 2)
-    return (turned + turned.swapaxes(1, 2)) / 2.0
+        turned = turn @ covariance @ turn.mT
+    return (turned + turned.mT) / 2.0
 
 
 Places = NDArray[np.intp]

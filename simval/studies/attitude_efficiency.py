@@ -178,13 +178,13 @@ def predicted_squares(problems: Truths, parameters: Parameters) -> Float[Array, 
     TRIAD has no prediction here and is compared with the bound.
     """
     noise = noise_covariances(parameters.noise, true_vectors(*problems)[1])
-    bound = np.trace(attitude_bound(*problems, noise).rotation, 0, 1, 2)
+    bound = np.linalg.trace(attitude_bound(*problems, noise).rotation)
     frames: tuple[Frame | None, ...] = ("combined", None, "optimal")
     moments = (
         attitude_moments(*problems, noise, 2, frame, normalized=parameters.normalized)
         for frame in frames
     )
-    squares = [4.0 * np.trace(found.covariance, 0, 1, 2) for found in moments]
+    squares = [4.0 * np.linalg.trace(found.covariance) for found in moments]
     if parameters.noise == "unequal":
         squares[2] = squares_of_pairs(problems, WEIGHTS)
     return np.stack([*squares, bound, bound], axis=1)
@@ -196,7 +196,7 @@ def squares_of_pairs(problems: Truths, weights: Any = None) -> Float[Array, " n"
         wahba_moments(q, [r1, r2], DEVIATIONS, weights).covariance
         for q, r1, r2 in zip(*problems, strict=True)
     ]
-    return 4.0 * np.trace(found, 0, 1, 2)
+    return 4.0 * np.linalg.trace(found)
 
 
 def price_of_columns(

@@ -155,7 +155,7 @@ def _extrapolated(
         )
         terms.append((exact.covariance - linear.covariance) / scale**4)
     back = geometry.back
-    return back.swapaxes(1, 2) @ (4.0 * terms[1] - terms[0]) @ back / 3.0
+    return back.mT @ (4.0 * terms[1] - terms[0]) @ back / 3.0
 
 
 def _length(matrices: Float[Array, "n 4 4"]) -> Float[Array, " n"]:

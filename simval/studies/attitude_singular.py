@@ -261,7 +261,7 @@ class Setting:
         noise = x.reshape(-1, 4, 3).swapaxes(0, 1) @ self.roots
         vectors = self.truth[:, None] + self.sigma * noise
         found = {name: self.chords(name, *vectors) for name in names}
-        block = vectors.swapaxes(1, 2).reshape(12, -1)
+        block = vectors.mT.reshape(12, -1)
         for name, geometry in self.lengths.items():
             frame = self.best if name == "best" else name
             raw = raw_quaternion(block, frame).T
@@ -505,7 +505,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
     q, r1, r2 = (np.stack(each) for each in zip(*truths, strict=True))
     vectors = vectors_of(q, r1, r2)
     noise = noise_covariances(parameters.noise, vectors)
-    bound = np.trace(attitude_bound(q, r1, r2, noise).rotation, 0, 1, 2)
+    bound = np.linalg.trace(attitude_bound(q, r1, r2, noise).rotation)
     noise = seen_noise(parameters, vectors, noise)
     norms = np.abs(column_norms(q, r1, r2))
     least = 0.5 * np.linalg.norm(norms, axis=1, keepdims=True)
@@ -523,7 +523,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
         each = zip(q, r1, r2, noise, strict=True)
         squares["Table 1"] = np.stack([direct_covariance(*one) for one in each])
     for name, C in squares.items():
-        ratios = np.sqrt(np.trace(C, axis1=1, axis2=2) / bound)
+        ratios = np.sqrt(np.linalg.trace(C) / bound)
         values = np.quantile(ratios, [0.0, 0.5, 1.0])
         statistics = [stat.RMS_RATIO(name, k) for k in ("least", "median", "most")]
         yield from unjudged(

@@ -335,7 +335,7 @@ class Setting:
         n = self.n
         unseen = np.zeros((n, 3, n + 3))
         unseen[np.arange(n), :, np.arange(n)] = self.body
-        unseen[:, :, n:] = np.cross(self.body[:, None], np.eye(3)).transpose(0, 2, 1)
+        unseen[:, :, n:] = np.cross(self.body[:, None], np.eye(3)).mT
         unseen[:, :, n:] /= self.std[:, None, None]
         basis = np.linalg.qr(unseen.reshape(3 * n, -1))[0]
 

@@ -338,7 +338,7 @@ def measured_rows(
     first_order = not (parameters.anywhere or way.disturbed)
     judged = first_order and parameters.wrong == Wrong() and not answers.shifted
     bound = least.told[:, :3, :3]
-    square = np.trace(bound, axis1=1, axis2=2) / 3.0
+    square = np.linalg.trace(bound) / 3.0
     over = bends(left, added(least, stat.NEES(), 3)) / 3.0  # of the error's square
     over += np.sqrt(np.mean(least.rms() ** 2) / np.mean(square)) - 1.0
     rows = [

@@ -163,7 +163,7 @@ def error_rows(
     late, angle = answers.late, answers.angle
     estimate, truth = answers.found.attitude[:, late], answers.truth[late]
     heading, inclination = heading_and_inclination(estimate, truth)
-    square = np.trace(bound, axis1=-2, axis2=-1)
+    square = np.linalg.trace(bound)
     whole, least = float(np.sqrt(square.mean())), np.sqrt(square)
     over = OVER + float(np.mean(left))
     check = partial(plain, remainder=over * whole) if judged else unjudged
@@ -198,7 +198,7 @@ def over_bound_rows(
 ) -> tuple[Row, ...]:
     """Errors of the instants over the bound, against a prediction of that."""
     shown, _ = answers.shown()
-    least = np.sqrt(np.trace(bound, axis1=-2, axis2=-1))[shown]
+    least = np.sqrt(np.linalg.trace(bound))[shown]
     rows = at_each_row(stat.RMS_OVER_BOUND_AT, answers, answers.angle, root_mean_square)
     return tuple(
         replace(
@@ -262,7 +262,7 @@ def predicted_rows(
 
     Judged where the whole error stays small enough for the first order.
     """
-    moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
+    moment = np.linalg.trace(theory.second_moment[:, :3, :3])
     root = float(np.sqrt(moment.mean()))
     measured = [(stat.RMS(unit="rad"), root_mean_square(answers.angle), root)]
     for statistic, dimension, squares in answers.squares:
@@ -329,7 +329,7 @@ def budget_rows(answers: Answers, theory: FilterPrediction) -> tuple[Row, ...]:
     """Contribution of each source to the predicted error, where there is one."""
     rows: list[Row] = []
     shown, at = answers.shown()
-    variances = np.trace(theory.parts[:, :, :3, :3], axis1=2, axis2=3)
+    variances = np.linalg.trace(theory.parts[:, :, :3, :3])
     known = np.sum(theory.mean[:, :3] ** 2, axis=1)
     several = (*zip(theory.names, variances, strict=True), ("known errors", known))
     whole = variances.sum(axis=0) + known
@@ -376,7 +376,7 @@ def diagnosis_rows(
         most = max(most, explained)
         unit = "s" if name == "delay" else "rad"
         rows += unjudged(stat.CONSTANT(name, unit=unit), signed, error, n)
-    whole = float(np.sqrt(np.trace(bound, axis1=1, axis2=2).mean()))
+    whole = float(np.sqrt(np.linalg.trace(bound).mean()))
     rms, error, _ = root_mean_square(answers.angle)
     if judged and answers.found.covariance is None:
         cause = share * most if most >= MOST else 0.0
@@ -396,7 +396,7 @@ def _stated(
     if P is not None:
         parts = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
         own, least = (
-            np.diagonal(A.swapaxes(-1, -2) @ each @ A, axis1=-2, axis2=-1)
+            np.linalg.diagonal(A.mT @ each @ A)
             for each in (P[:, answers.late, :3, :3], bound)
         )
         error = (answers.error[..., None, :] @ A)[..., 0, :] ** 2
@@ -408,7 +408,7 @@ def _stated(
     nu, S = answers.found.innovation, answers.found.innovation_covariance
     if nu is not None and S is not None:
         late = answers.late
-        ratio = nu[:, late] ** 2 / np.diagonal(S[:, late], axis1=2, axis2=3)
+        ratio = nu[:, late] ** 2 / np.linalg.diagonal(S[:, late])
         for j in range(ratio.shape[-1]):
             mean = mean_of_trials(ratio[..., j])
             rows += unjudged(stat.PART_OF_INNOVATION(str(j + 1)), *mean, 1.0)

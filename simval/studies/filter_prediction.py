@@ -143,7 +143,7 @@ def six_axis_bound(
     first[:3, :3] = start.told.start_std**2 * level @ level.T
     path = FilterPath(dt=np.diff(time), attitude=q)
     body = filter_bound(path, replace(model, start=first)).covariance[:, :3, :3]
-    square = np.diagonal(A.swapaxes(1, 2) @ body @ A, axis1=1, axis2=2)[there[1:]]
+    square = np.linalg.diagonal(A.mT @ body @ A)[there[1:]]
     rest = resting(found)[start.row + 1 :][there[1:]]
     parts = {"all": np.ones_like(rest), "rest": rest, "moving": ~rest}
     return {

@@ -316,7 +316,7 @@ def drawn(
     M = sensors.M + sensors.calibration_std * rng.standard_normal((count, 3, 3))
     given = FilterInput(
         dt=course.dt,
-        gyroscope=course.rate @ M.swapaxes(-1, -2) + inside + white,
+        gyroscope=course.rate @ M.mT + inside + white,
         accelerometer=course.up
         + course.acceleration
         + sensors.accelerometer_noise * force,

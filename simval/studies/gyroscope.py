@@ -333,7 +333,7 @@ def _judged(
 ) -> tuple[Row, ...]:
     error, C = trials["error"], trials["covariance"]
     n, p = error.shape
-    sd = np.sqrt(np.diagonal(C, axis1=1, axis2=2))
+    sd = np.sqrt(np.linalg.diagonal(C))
     z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
     stated = C.mean(axis=0)
     small = SMALL_BIAS * max(1.0, data.parameters.angle_random_walk / USUAL)

@@ -197,7 +197,7 @@ class Scenario:
         slope[:, 0, 0], slope[:, 1, 1] = 2.0 * u @ body, 2.0 * v @ iron
         slope[:, 2, 0], slope[:, 2, 1] = v @ body, u @ iron
         flat = (slope * np.array(self.std)[:, None]).reshape(n, 3, 6)
-        factor = np.linalg.cholesky(flat @ flat.transpose(0, 2, 1))
+        factor = np.linalg.cholesky(flat @ flat.mT)
         white = np.linalg.solve(factor, flat).reshape(n, 3, 2, 3)
         each = np.zeros((n, 3, 2, n, 3))
         each[np.arange(n), :, :, np.arange(n)] = white

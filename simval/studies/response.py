@@ -206,7 +206,7 @@ def curved(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded
         first=first,
         second=polynomial(x.T).T - polynomial.value.T - first,
         covariance=polynomial.slope @ polynomial.slope.T,
-        mean_second=0.5 * np.trace(polynomial.bend, axis1=1, axis2=2),
+        mean_second=0.5 * np.linalg.trace(polynomial.bend),
     )
 
 

@@ -129,7 +129,7 @@ def measured(
     """
     n, count, _ = rows.shape
     centred = rows - rows.mean(axis=1, keepdims=True)
-    own = np.swapaxes(centred, 1, 2) @ centred / (count - 1)
+    own = centred.mT @ centred / (count - 1)
     eighths = rows[:, : count // 8 * 8].reshape(n, 8, -1, 3).mean(axis=2)
     up = normalize(rows.mean(axis=1))
     slow = np.var(np.einsum("nka,na->nk", eighths, up), axis=1, ddof=1).mean() / 8

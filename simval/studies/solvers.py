@@ -192,7 +192,7 @@ def source_way(
         # the source does not look at the cost: a step that rounding raises is taken
         found = minimize(objective, start, rules, slack=len(raw) * ROUNDING)
         M = forms.matrix(source.model, found.theta)
-        same = forms.from_gram("triangular", M.swapaxes(1, 2) @ M, found.theta[:, 6:])
+        same = forms.from_gram("triangular", M.mT @ M, found.theta[:, 6:])
         return same[0] * np.repeat([1.0, G], [6, 3]), int(found.iterations[0])
 
     _, steps = stopped(MOST_STEPS)

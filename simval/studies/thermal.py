@@ -95,7 +95,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         own, _ = found.here.covariance()
         scatter = found.here.chi_square / dof
         half = quantile * np.sqrt(
-            np.diagonal(own, axis1=1, axis2=2) * scatter[:, None]
+            np.linalg.diagonal(own) * scatter[:, None]
         )  # fmt: skip
         kept = {
             "error": error,
@@ -140,7 +140,7 @@ def _left(
     x = clean - theta[:, None, 6:PARAMETERS]
     away, stretch = law(LINEAR, values, powers, x)
     matrix = forms.matrix("triangular", theta[:, :PARAMETERS])
-    force = (stretch * away) @ np.swapaxes(matrix, -1, -2)
+    force = (stretch * away) @ matrix.mT
     off = force - G * directions
     return np.asarray(np.sqrt((off * off).sum(axis=-1).mean(axis=-1)))
 

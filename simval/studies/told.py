@@ -178,13 +178,11 @@ def readings(
     E = errors[:, :27].reshape(BLOCK, 3, 3, 3)
     offset = errors[:, 27:].reshape(BLOCK, 2, 3)
     turned = parameters.gyroscope_error * way.rate
-    more: dict[str, Any] = {
-        GYROSCOPE: given.gyroscope + turned @ E[:, 0].swapaxes(-1, -2)
-    }
+    more: dict[str, Any] = {GYROSCOPE: given.gyroscope + turned @ E[:, 0].mT}
     field = float(np.linalg.norm(way.magnetic))
     vectors = {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, field)}
     for k, (name, (vector, size)) in enumerate(vectors.items()):
-        off = vector @ E[:, k + 1].swapaxes(-1, -2) + size * offset[:, k, None]
+        off = vector @ E[:, k + 1].mT + size * offset[:, k, None]
         more[name] = getattr(given, name) + parameters.vector_error * off
     return replace(given, **more), bias, errors
 

@@ -208,7 +208,7 @@ def _equations(
         theta: Inexact[Array, "t 9"], y: Inexact[Array, "t n 3"]
     ) -> Inexact[Array, "t n 1"]:
         M = forms.matrix(form, theta) / g
-        f = (y - theta[:, None, 6:]) @ np.swapaxes(M, -1, -2)
+        f = (y - theta[:, None, 6:]) @ M.mT
         square = np.sum(f * f, axis=-1, keepdims=True)
         if residual == "norm":
             return np.asarray(np.sqrt(square) - 1.0)

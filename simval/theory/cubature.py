@@ -331,5 +331,5 @@ def covariance_roots(covariances: Float[Array, "k n n"]) -> Float[Array, "k n n"
     """
     values, vectors = np.linalg.eigh(covariances)
     scaled = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    roots: Array = scaled @ vectors.swapaxes(-1, -2)
+    roots: Array = scaled @ vectors.mT
     return roots

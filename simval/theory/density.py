@@ -306,7 +306,7 @@ def _on_circle(
     maps, basis = direction_maps(u)
     m0 = maps @ (np.concatenate([geometry.d1, geometry.s1]) - slope @ geometry.d2)
     m1 = np.matvec(maps, u @ slope.T)
-    S = np.linalg.inv(maps @ C1 @ maps.swapaxes(1, 2))
+    S = np.linalg.inv(maps @ C1 @ maps.mT)
     y = np.vecmat(y, basis)
     pulled = np.matvec(S, y)
     A = np.vecdot(y, pulled)

@@ -174,7 +174,7 @@ def _grid(
     across = np.sin(theta)[..., None, :, None] * ring[..., None, :]
     directions = along[..., None] + across
     # component by component in memory, as what works on them wants it
-    flat = directions.reshape(*pole.shape, -1).swapaxes(-1, -2)
+    flat = directions.reshape(*pole.shape, -1).mT
     return flat, 2.0 * np.pi / count
 
 
@@ -372,7 +372,7 @@ def _moments_isotropic(
     weights: Float[Array, "... n"],
 ) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
     # Bias and covariance from eq. (E1) averaged over the directions
-    u = directions.swapaxes(-1, -2)
+    u = directions.mT
     m = maps @ u
     length = np.sqrt(np.einsum("...in,...in->...n", m, m))
     w = m / np.where(length > 0.0, length, 1.0)[..., None, :]
@@ -384,10 +384,10 @@ def _moments_isotropic(
     mean_w = np.matvec(w, a)
     bias = np.matvec(gap, weights) + mean_w
     # E[e e'|u] = gap gap' + a (q w' + w q') - b w w' + b/2 (R - w w')
-    second = (weights[..., None, :] * gap) @ gap.swapaxes(-1, -2)
-    second -= 3.0 * (half[..., None, :] * w) @ w.swapaxes(-1, -2)
+    second = (weights[..., None, :] * gap) @ gap.mT
+    second -= 3.0 * (half[..., None, :] * w) @ w.mT
     shortened = q[..., :, None] * mean_w[..., None, :]
-    second += shortened + shortened.swapaxes(-1, -2)
+    second += shortened + shortened.mT
     second += half.sum(axis=-1)[..., None, None] * np.eye(4)
     second[..., :3, :3] -= (half[..., None, :] * u) @ directions
     return bias, second - bias[..., :, None] * bias[..., None, :]
@@ -538,7 +538,7 @@ def _moments_any(
     m = maps @ z1
     if slope is not None:
         m = m + np.matvec(maps, (points - geometry.d2) @ slope.T)
-    variances, axes = np.linalg.eigh(maps @ C1 @ maps.swapaxes(1, 2))
+    variances, axes = np.linalg.eigh(maps @ C1 @ maps.mT)
     variances = np.maximum(variances, 0.0)
     means = (m[:, None, :] @ axes)[:, 0]
     delta, D = (np.empty((len(m), *shape)) for shape in ((3,), (3, 3)))
@@ -548,7 +548,7 @@ def _moments_any(
     q, axes = geometry.q, basis @ axes
     gap = q - (basis @ _normalized(m)[..., None])[..., 0]
     mean_delta = np.einsum("n,nij,nj->i", weights, axes, delta)
-    mean_D = np.tensordot(weights, axes @ D @ axes.swapaxes(1, 2), 1)
+    mean_D = np.tensordot(weights, axes @ D @ axes.mT, 1)
     bias = weights @ gap + mean_delta
     half = np.outer(q, mean_delta)
     second = (weights[:, None] * gap).T @ gap + half + half.T - mean_D
@@ -594,7 +594,7 @@ def _shortening(
     Z0, growth = (Z0 * second)[:, None], (growth * second)[:, None]
     # 1 - f_k f_l = g_k + g_l - g_k g_l
     one = np.sum(Z0 * g, axis=-1)
-    both = (Z0 * g) @ g.swapaxes(1, 2) + (growth * f) @ f.swapaxes(1, 2)
+    both = (Z0 * g) @ g.mT + (growth * f) @ f.mT
     D = means[:, :, None] * means[:, None, :] * (one[:, :, None] + one[:, None] - both)
     every = np.arange(3)
     D[:, every, every] -= variances[..., 0] * np.sum((Z0 + growth) * f, axis=-1)

@@ -406,9 +406,7 @@ def equations(
 
     def corrected(theta: Any, y: Any) -> Any:
         parts = zip(matrices(theta), strengths, np.split(y, sensors, -1), strict=True)
-        return np.stack(
-            [(x - b[:, None]) @ np.swapaxes(M, 1, 2) / s for (M, b), s, x in parts], -2
-        )
+        return np.stack([(x - b[:, None]) @ M.mT / s for (M, b), s, x in parts], -2)
 
     def rests(theta: Any, y: Any) -> Any:
         w = corrected(theta, y)
@@ -493,7 +491,7 @@ def _angle_root(M: Float[Array, "3 3"], path: MovePath) -> Float[Array, "k 3 3"]
     ):
         for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
             C = (whole * rotation.from_rotvec(node * turned)).as_matrix() @ M
-            covariance += weight * tau * (C @ np.swapaxes(C, 1, 2))
+            covariance += weight * tau * (C @ C.mT)
         whole = whole * rotation.from_rotvec(np.array(turned))
     return np.linalg.cholesky(covariance)
 

@@ -164,8 +164,8 @@ def equations(
     """The three equations of each pose, eq. (M1)."""
     matrix_a = forms.matrix(p.form, theta[..., :9]) / p.g
     matrix_m = theta[..., 9:18].reshape(*theta.shape[:-1], 3, 3) / p.field
-    u = (y[..., :3] - theta[..., None, 6:9]) @ np.swapaxes(matrix_a, -1, -2)
-    v = (y[..., 3:] - theta[..., None, 18:21]) @ np.swapaxes(matrix_m, -1, -2)
+    u = (y[..., :3] - theta[..., None, 6:9]) @ matrix_a.mT
+    v = (y[..., 3:] - theta[..., None, 18:21]) @ matrix_m.mT
     dot = np.sum(u * v, axis=-1) + theta[..., None, 21]
     return np.stack(
         [np.sum(u * u, axis=-1) - 1.0, np.sum(v * v, axis=-1) - 1.0, dot], axis=-1

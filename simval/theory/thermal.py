@@ -62,7 +62,7 @@ def thermal_equations(
     ) -> Inexact[Array, "t n 1"]:
         shift, stretch = parts(theta)
         M = forms.matrix("triangular", theta[:, :PARAMETERS]) / g
-        f = (stretch * (y - theta[:, None, 6:9] - shift)) @ np.swapaxes(M, -1, -2)
+        f = (stretch * (y - theta[:, None, 6:9] - shift)) @ M.mT
         return np.sum(f * f, axis=-1, keepdims=True) - 1.0
 
     theta = np.concatenate([model.parameters, coefficients.ravel()])

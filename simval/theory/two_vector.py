@@ -222,7 +222,7 @@ def _checked(name: str, value: Array) -> Float[Array, "... k n n"]:
         ),
         InputError,
     )
-    skew = np.max(np.abs(value - value.swapaxes(-1, -2)), axis=entries, initial=0.0)
+    skew = np.max(np.abs(value - value.mT), axis=entries, initial=0.0)
     lowest = np.min(np.linalg.eigvalsh(value), axis=(-2, -1), initial=0.0)
     # a product F F' is rounded to 1e-16 of its greatest entry, an inverse to more
     refuse_samples(
@@ -260,7 +260,7 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
         )
         raise InputError(msg)
     scale = float(np.abs(value).max(initial=0.0))
-    turned = value.transpose(1, 0, 2), value.transpose(0, 2, 1)
+    turned = value.transpose(1, 0, 2), value.mT
     if not max(np.abs(value - other).max() for other in turned) <= 1e-12 * scale:
         msg = (
             f"`{name}` changes where two components are exchanged; a mean of products "
@@ -283,7 +283,7 @@ def normalized_noise(
     """
     planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
     across = planes @ noise
-    shortened = 0.5 * np.trace(across, axis1=-2, axis2=-1)[..., None] * vectors
+    shortened = 0.5 * np.linalg.trace(across)[..., None] * vectors
     turned = (across @ vectors[..., None])[..., 0]
     return -turned - shortened, across @ planes
 
