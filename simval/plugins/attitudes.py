@@ -70,12 +70,10 @@ def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
 def defects(raw: Float[Array, "n ..."], components: str) -> Float[Array, " n"]:
     """Deviation of answers from unit length, or from orthonormal columns."""
     if components != "matrix":
-        lengths: Array = np.abs(np.linalg.norm(raw, axis=1) - 1.0)
-        return lengths
+        return np.abs(np.linalg.norm(raw, axis=1) - 1.0)
     # a column that is too long by x has a square that is too great by 2x
     gram = (raw.mT @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
-    worst: Array = np.abs(gram).max(axis=(1, 2))
-    return worst
+    return np.abs(gram).max(axis=(1, 2))
 
 
 def fault_of(raw: Float[Array, "n ..."], components: str) -> str:
@@ -126,8 +124,7 @@ def _quaternion_of(M: Float[Array, "n 3 3"]) -> Float[Array, "n 4"]:
     turn = [M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]]
     N[:, :3, 3] = N[:, 3, :3] = np.stack(turn, axis=1)
     N[:, 3, 3] = trace
-    vectors: Array = np.linalg.eigh(N)[1][:, :, -1]
-    return vectors
+    return np.linalg.eigh(N)[1][:, :, -1]
 
 
 Vertical = Literal["up", "down"]

@@ -62,8 +62,7 @@ class VectorNoise:
     @property
     def relative(self) -> Float[Array, " m"]:
         """Root mean square per axis for a size of 1; of tangent noise across it."""
-        deviations: Array = np.sqrt(np.linalg.trace(self.unit) / 3.0)
-        return deviations
+        return np.sqrt(np.linalg.trace(self.unit) / 3.0)
 
     @property
     def std(self) -> Float[Array, " m"]:
@@ -78,8 +77,7 @@ class VectorNoise:
     @property
     def weights(self) -> Float[Array, " k"]:
         """Inverse of the summed variances of each pair."""
-        weights: Array = 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
-        return weights
+        return 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
 
     @property
     def isotropic(self) -> bool:
@@ -114,15 +112,13 @@ class VectorNoise:
         v = np.stack(vectors, axis=1)
         along = v / np.linalg.norm(v, axis=2, keepdims=True)
         planes = np.eye(3) - along[..., :, None] * along[..., None, :]
-        result: Array = scaled @ planes
-        return result
+        return scaled @ planes
 
     def roots(self, vectors: list[Float[Array, "n 3"]]) -> Float[Array, "n m 3 3"]:
         """Symmetric root of each covariance; what times normal numbers is the noise."""
         values, axes = np.linalg.eigh(self.covariances(vectors))
         scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-        roots: Array = scaled @ axes.mT
-        return roots
+        return scaled @ axes.mT
 
     def read(
         self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
@@ -181,8 +177,7 @@ def _isotropic(words: list[str], text: str) -> Float[Array, "m 3 3"]:
         msg = f"`noise` is {text:.60}; standard deviations must be 0 or more"
         raise InputError(msg)
     capped = np.minimum(numbers, 1e100)  # whose squares are numbers, and refused
-    unit: Array = capped[:, None, None] ** 2 * np.eye(3)
-    return unit
+    return capped[:, None, None] ** 2 * np.eye(3)
 
 
 def _matrices(text: str) -> Float[Array, "m 3 3"]:

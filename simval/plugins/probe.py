@@ -54,8 +54,7 @@ DIGITS = 8
 def moved(given: Float[Array, "..."]) -> Float[Array, "..."]:
     """The same, moved by what only coarse numbers do not show."""
     rng = np.random.default_rng(20_274)
-    changed: Array = given + MOVED * rng.standard_normal(given.shape)
-    return changed
+    return given + MOVED * rng.standard_normal(given.shape)
 
 
 def imprecision(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) -> str:
@@ -145,16 +144,14 @@ class Exact(NamedTuple):
 
     def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
         """Mask of answers that are not an estimate of the truth."""
-        wrong: Mask = ~(self.errors(estimator) <= allowed(self.vectors))
-        return wrong
+        return ~(self.errors(estimator) <= allowed(self.vectors))
 
 
 def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
     """Tolerance of an exact case, rad."""
     first, *others = vectors[len(vectors) // 2 :]
     sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
-    tolerance: Array = TOLERANCE / np.max(sines, axis=0)
-    return tolerance
+    return TOLERANCE / np.max(sines, axis=0)
 
 
 def failure_shares(

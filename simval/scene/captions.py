@@ -221,8 +221,7 @@ class _Board:
 
     def _width(self, words: Words, size: float) -> float:
         font, gap = _font(size * self.scale), GAP * size * self.scale
-        width: float = sum(font.getlength(word) + gap for word, _ in words) - gap
-        return width
+        return sum(font.getlength(word) + gap for word, _ in words) - gap
 
     def _write(self, words: Words, left: float, top: float, size: float) -> float:
         font, gap = _font(size * self.scale), GAP * size * self.scale

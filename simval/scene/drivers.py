@@ -275,8 +275,7 @@ def tremor(
     phase = rng.uniform(0.0, 2.0 * np.pi, (SINES, 3))
     time = timestep * np.arange(count)[:, None, None]
     waves = np.sin(2.0 * np.pi * frequency * time + phase)
-    mean: Array = amplitude * waves.mean(axis=1)
-    return mean
+    return amplitude * waves.mean(axis=1)
 
 
 def _continuous(quaternion: Float[Array, "n 4"]) -> Float[Array, "n 4"]:

@@ -333,8 +333,7 @@ def _batch(
 
 def _columns(model: "mujoco.MjModel", sensor: str) -> NDArray[np.intp]:
     k = model.sensor(sensor).id
-    columns: NDArray[np.intp] = model.sensor_adr[k] + np.arange(model.sensor_dim[k])
-    return columns
+    return model.sensor_adr[k] + np.arange(model.sensor_dim[k])
 
 
 def _controls(

@@ -209,8 +209,8 @@ def price_of_columns(
         along = np.zeros(len(n))
     if parameters.noise == "unequal":
         square = squares_of_pairs(problems) + along * np.sum(np.square(DEVIATIONS))
-        return np.asarray(np.sqrt(square / bound))
-    return np.asarray(np.sqrt(1.0 + 4.0 * along / bound))
+        return np.sqrt(square / bound)
+    return np.sqrt(1.0 + 4.0 * along / bound)
 
 
 def length_rows(problems: Truths) -> list[Row]:

@@ -159,7 +159,7 @@ def _extrapolated(
 
 
 def _length(matrices: Float[Array, "n 4 4"]) -> Float[Array, " n"]:
-    return np.asarray(np.linalg.norm(matrices, axis=(1, 2)))
+    return np.linalg.norm(matrices, axis=(1, 2))
 
 
 FIGURES = (

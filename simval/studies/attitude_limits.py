@@ -96,8 +96,7 @@ def _flip_rows(
 
 
 def _norms(vectors: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
-    norms: Array = np.linalg.norm(column_matrix(vectors, symmetric=False), axis=1)
-    return norms
+    return np.linalg.norm(column_matrix(vectors, symmetric=False), axis=1)
 
 
 AT_ONE_PERCENT = [stat.LIMIT_RATIO(part, "1%") for part in ("covariance", "bias")]

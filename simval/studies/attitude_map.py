@@ -138,7 +138,7 @@ def _relative(
     a: AttitudeMoments, b: AttitudeMoments, size: AttitudeMoments, part: str
 ) -> Float[Array, " n"]:
     def length(values: Array) -> Array:
-        return np.asarray(np.linalg.norm(values.reshape(len(values), -1), axis=1))
+        return np.linalg.norm(values.reshape(len(values), -1), axis=1)
 
     gap = length(getattr(a, part) - getattr(b, part))
     return gap / length(getattr(size, part))

@@ -180,7 +180,7 @@ def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _count(rows: NDArray[np.bool_], intervals: Intervals) -> NDArray[np.intp]:
     # how many of these rows are in each interval
     before = np.concatenate([[0], np.cumsum(rows)])
-    return np.asarray(before[intervals[:, 1]] - before[intervals[:, 0]])
+    return before[intervals[:, 1]] - before[intervals[:, 0]]
 
 
 def detect(

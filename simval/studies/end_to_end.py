@@ -229,7 +229,7 @@ class Scenario:
         """Attitudes."""
         b1, b2 = directions[:, 0], directions[:, 1]
         r1, r2 = (np.broadcast_to(r, b1.shape) for r in (UP, self.wanted.field_world))
-        return np.asarray(two_vector_quaternion(b1, b2, r1, r2, "best"))
+        return two_vector_quaternion(b1, b2, r1, r2, "best")
 
 
 class Readings(NamedTuple):

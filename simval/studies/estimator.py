@@ -297,8 +297,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     def covariances(self, noise_std: float) -> Float[Array, "m 3 3"]:
         """Covariance of each vector's noise."""
-        scaled: Array = noise_std**2 * self.roots @ self.roots
-        return scaled
+        return noise_std**2 * self.roots @ self.roots
 
     def bound(self, noise_std: float) -> Float[Array, "3 3"]:
         """Cramer-Rao bound of the rotation error, body side, rad^2.

@@ -103,7 +103,7 @@ class Answers:
     @cached_property
     def angle(self) -> Float[Array, "n i"]:
         """Their sizes."""
-        return np.asarray(np.linalg.norm(self.error, axis=-1))
+        return np.linalg.norm(self.error, axis=-1)
 
     def from_its_own_heading(self) -> "Answers":
         """The same, each trial turned about the vertical so that it starts right."""

@@ -85,7 +85,7 @@ def missed(way: Course) -> Float[Array, "T 3"]:
     S, q = way.rate * way.dt[:, None], way.attitude
     phi = S + np.cross(np.concatenate([np.zeros((1, 3)), S[:-1]]), S) / 12.0
     turn = rotation_vector(compose(conjugate(q[:-1]), q[1:]))
-    return np.asarray((phi - turn) / way.dt[:, None])
+    return (phi - turn) / way.dt[:, None]
 
 
 def second_order(
@@ -95,7 +95,7 @@ def second_order(
     first = FilterPath(dt=way.dt[:1], attitude=way.attitude[:2])
     model = model_of(sensors.told(way), magnetometer)
     (start,) = filter_prediction(first, model, told=model).second_order
-    return np.asarray(theory.second_order**2 + start**2 / (1.0 + theory.kept))
+    return theory.second_order**2 + start**2 / (1.0 + theory.kept)
 
 
 def model_of(told: Told, magnetometer: bool) -> FilterModel:

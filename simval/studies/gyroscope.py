@@ -283,7 +283,7 @@ class Tumble:
         # the package's world to sensor is what SciPy reads as sensor to world
         rotation = scipy.spatial.transform.Rotation
         before, after = (rotation.from_quat(self.attitude[k]) for k in (start, end))
-        return np.asarray((before.inv() * after).as_rotvec())
+        return (before.inv() * after).as_rotvec()
 
 
 def _rests(run: Trajectory, every: int) -> Any:

@@ -168,7 +168,7 @@ def _rung_rows(
     samples = pairs.shape[1]
 
     def rung(values: Float[Array, "t 9"]) -> Float[Array, " t"]:
-        return np.asarray((values[..., 3:6] / sensor.K).mean(axis=-1) / unit)
+        return (values[..., 3:6] / sensor.K).mean(axis=-1) / unit
 
     found = reduced_mean(
         rung(pairs.mean(axis=0)), rung(known.second), rung(known.mean_second)

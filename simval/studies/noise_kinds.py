@@ -48,4 +48,4 @@ def tails(
     """Factor of the normal noise of each vector, of this shape: 1 without tails."""
     if kind != "heavy tails":
         return np.ones(shape)
-    return np.asarray(np.sqrt((FREEDOM - 2.0) / rng.chisquare(FREEDOM, shape)))
+    return np.sqrt((FREEDOM - 2.0) / rng.chisquare(FREEDOM, shape))

@@ -142,7 +142,7 @@ def _left(
     matrix = forms.matrix("triangular", theta[:, :PARAMETERS])
     force = (stretch * away) @ matrix.mT
     off = force - G * directions
-    return np.asarray(np.sqrt((off * off).sum(axis=-1).mean(axis=-1)))
+    return np.sqrt((off * off).sum(axis=-1).mean(axis=-1))
 
 
 FIGURES = (

@@ -211,11 +211,11 @@ def _equations(
         f = (y - theta[:, None, 6:]) @ M.mT
         square = np.sum(f * f, axis=-1, keepdims=True)
         if residual == "norm":
-            return np.asarray(np.sqrt(square) - 1.0)
+            return np.sqrt(square) - 1.0
         if residual == "sampson":
             q = np.sum((f @ M) ** 2, axis=-1, keepdims=True)
-            return np.asarray((square - 1.0) / np.sqrt(4.0 * q))
-        return np.asarray(square - 1.0)
+            return (square - 1.0) / np.sqrt(4.0 * q)
+        return square - 1.0
 
     readings = g * np.linalg.solve(model.matrix, u.T).T + model.B
     noise = np.repeat(sigma[:, None], 3, axis=1)

@@ -169,5 +169,4 @@ def _lost(B: Array, A: Array, r: Array, body: Array, reference: Array) -> Array:
     nuisance = AT.mT @ W_AT
     nuisance += T.mT @ np.linalg.solve(reference, T)
     mixed = B.mT @ W_AT
-    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.mT)
-    return lost
+    return mixed @ np.linalg.solve(nuisance, mixed.mT)

@@ -152,7 +152,7 @@ class Estimating:
     @cached_property
     def slope(self) -> Float[Array, "p z"]:
         """Change of the estimate by each noise of unit variance, eq. (E1)."""
-        return np.asarray((self._moved * (self._least * self._unit)).T)
+        return (self._moved * (self._least * self._unit)).T
 
     @cached_property
     def bias(self) -> Float[Array, " p"]:
@@ -192,7 +192,7 @@ class Estimating:
 
     def first(self, z: Float[Array, "t ..."]) -> Float[Array, "t p"]:
         """First order of each draw of the noises, of unit variance, eq. (E1)."""
-        return np.asarray(z.reshape(len(z), -1) @ self.slope.T)
+        return z.reshape(len(z), -1) @ self.slope.T
 
     def second(self, z: Float[Array, "t ..."]) -> Float[Array, "t p"]:
         """Second order of each draw of the noises, of unit variance, eq. (E2)."""
@@ -235,7 +235,7 @@ class Estimating:
             curved -= np.einsum("nmds,nkd,nks->nm", by_noise, Z, pull, optimize=True)
             curved -= np.einsum("nmd,nkds,nks->nm", Z, by_noise, pull, optimize=True)
         turned = np.einsum("nmps,nms->p", S[:, :, :p], pull)
-        return np.asarray(turned + np.einsum("nmp,nm->p", WJ, curved))
+        return turned + np.einsum("nmp,nm->p", WJ, curved)
 
     @cached_property
     def _least(self) -> float:
@@ -383,4 +383,4 @@ def inverse_of(information: Float[Array, "p p"]) -> Float[Array, "p p"]:
     """The inverse, by way of columns of equal length."""
     scale = np.sqrt(np.diagonal(information))
     whole = np.linalg.inv(information / np.outer(scale, scale))
-    return np.asarray((whole + whole.T) / 2.0 / np.outer(scale, scale))
+    return (whole + whole.T) / 2.0 / np.outer(scale, scale)

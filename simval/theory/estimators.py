@@ -140,8 +140,7 @@ def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
             -first[0, 1] - c * first[2, 2] / (2.0 * s),
         ]
     )
-    mean: Array = axes @ turn
-    return mean
+    return axes @ turn
 
 
 def direct_covariance(
@@ -322,8 +321,7 @@ def _optimum(q: Array, a: Array, *vectors: Array) -> Array:
     pairs = zip(a, directions[:n], directions[n:], strict=True)
     K = sum(weight * _gain(b, r) for weight, b, r in pairs)
     top = np.linalg.eigh(K)[1][..., -1]
-    found: Array = top * np.copysign(1.0, top @ q)[..., None]
-    return found
+    return top * np.copysign(1.0, top @ q)[..., None]
 
 
 def _optimum_series(
@@ -391,8 +389,7 @@ def _resolvent(K: Array, q: Array, top: float) -> Array:
     # pseudo-inverse of top - K, whose kernel is q
     values, vectors = np.linalg.eigh(top * np.eye(4) - K + top * np.outer(q, q))
     inverse = (vectors / values) @ vectors.T
-    R: Array = inverse - np.outer(q, q) / top
-    return R
+    return inverse - np.outer(q, q) / top
 
 
 def _weights(weights: Any, n: int) -> Array:

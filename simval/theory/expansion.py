@@ -244,8 +244,7 @@ def second_order_covariance(
 ) -> Float[Array, "... 4 4"]:
     """Covariance of q - qhat, source eq. (63) without its last term."""
     projector = tangent_projector(q)
-    covariance: Array = projector @ P @ projector
-    return covariance
+    return projector @ P @ projector
 
 
 def quadratic_form(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4 4"]:
@@ -261,8 +260,7 @@ def quadratic_covariance(
     """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean."""
     scaled = quadratic_form(q) @ P[..., None, :, :]
     turned = _flat(scaled.mT)
-    covariance: Array = 2.0 * _flat(scaled) @ turned.mT
-    return covariance
+    return 2.0 * _flat(scaled) @ turned.mT
 
 
 def paper_fourth_covariance(
@@ -413,8 +411,7 @@ def mapped_column(
     if symmetric:
         scalar = np.sum(s1 * d2 - s2 * d1, axis=-1, keepdims=True) / 2
     qbar = np.concatenate([cross(d1, d2), scalar], axis=-1)
-    column: Array = qbar @ back.T
-    return column
+    return qbar @ back.T
 
 
 def column_matrix(
@@ -448,8 +445,7 @@ def two_vector_direction(
 
 def unit(v: Shaped[Array, "... m"]) -> Shaped[Array, "... m"]:
     """Direction of vectors, of numbers or of power series."""
-    direction: Array = v * np.sum(v * v, axis=-1, keepdims=True) ** -0.5
-    return direction
+    return v * np.sum(v * v, axis=-1, keepdims=True) ** -0.5
 
 
 def combined_moments(

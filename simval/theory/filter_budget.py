@@ -232,7 +232,7 @@ def _of_columns(
 ) -> Float[Array, "k m m"]:
     """Second moment that errors of readings make."""
     _, parts, mean = spread(S, errors)
-    return np.asarray(parts.sum(axis=0) + mean[:, :, None] * mean[:, None, :])
+    return parts.sum(axis=0) + mean[:, :, None] * mean[:, None, :]
 
 
 def _diagonal(values: Float[Array, "k m"]) -> Float[Array, "k m m"]:
@@ -327,7 +327,7 @@ class FilterPrediction(ReadOnly):
             np.linalg.eigvalsh(inside)[:, 0], np.finfo(float).eps * trace
         )
         half = np.linalg.trace(self.before) / 2.0
-        return np.asarray(half / np.sqrt(least))
+        return half / np.sqrt(least)
 
 
 def filter_prediction(

@@ -357,4 +357,4 @@ def _recipe(p: Problem, estimate: Estimating) -> Float[Array, "22 22"]:
     scale = np.sqrt(np.diagonal(slope))
     influence = np.linalg.inv(slope / np.outer(scale, scale)) / np.outer(scale, scale)
     whole = carry @ influence
-    return np.asarray(whole @ scatter @ whole.T)
+    return whole @ scatter @ whole.T

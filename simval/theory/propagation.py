@@ -129,7 +129,7 @@ def carrier(
         M, bias = _sensor(problem, at, i)
         raw = np.linalg.solve(own, truth[i]) + own_bias
         v = M @ (raw + at[count + 3 * i : count + 3 * i + 3] - bias)
-        return np.asarray(v / np.sqrt(v @ v))
+        return v / np.sqrt(v @ v)
 
     ways = at + 1j * STEP * np.eye(len(at))
     slopes = np.array([[direction(i, way) for i in (0, 1)] for way in ways])
