@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array, shaped_array
+from simval.arrays import Array, Mask, finite_array, shaped_array
 from simval.errors import CrashedPluginError, InputError, PluginError, RefusedError
 from simval.imu.sensor import forms
 from simval.imu.sensor.models import FIXED, places_of
@@ -44,7 +44,6 @@ from simval.plugins.protocol import (
 from simval.shapes import Bool, Float
 from simval.text import raised, words_of
 
-Mask = NDArray[np.bool_]
 Shape = tuple[int, ...]
 
 

@@ -28,9 +28,8 @@ from types import MappingProxyType
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.geometry import (
     FRAME_AXES,
     attitude_matrix,
@@ -42,8 +41,6 @@ from simval.shapes import Bool, Float
 UNIT = 1e-6
 """How far from 1 the length of a quaternion, and a column of a matrix, may be, and how
 far from right the angle of two columns, rad."""
-
-Mask = NDArray[np.bool_]
 
 
 def tail(components: str) -> tuple[int, ...]:

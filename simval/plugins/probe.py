@@ -20,9 +20,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.consistency import rotation_error
 from simval.errors import CrashedPluginError, PluginError, SlowPluginError
 from simval.geometry import FRAMES, attitude_error, rotation_vector
@@ -88,8 +87,6 @@ much more."""
 
 BATCH_NOISE = 0.01
 """Of the vectors on which rows of a large batch are compared with themselves alone."""
-
-Mask = NDArray[np.bool_]
 
 
 class Exact(NamedTuple):

@@ -36,7 +36,7 @@ from simval.geometry import attitude_error, cross, normalize, random_quaternions
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.comparators import davenport, triad
 from simval.imu.attitude.estimator import Selection
-from simval.results import Outcome, Row, exact, plain, unjudged
+from simval.results import Outcome, Row, Rows, exact, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import Truth, Truths
@@ -298,7 +298,7 @@ def _scale_row(
     errors: Float[Array, " n"],
     trials: int,
     left: float = REMAINDER,
-) -> tuple[Row, ...]:
+) -> Rows:
     # from the spread of the trials in each geometry: the geometries are fewer, and
     # their spread has fewer degrees of freedom than `verdict.freedom` takes
     error = float(np.sqrt(np.sum(errors**2))) / len(errors)

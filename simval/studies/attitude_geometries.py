@@ -16,11 +16,10 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.figures import Distribution, Listing, entries, predictor
 from simval.results import Outcome, limit, unjudged
 from simval.shapes import Float
@@ -117,7 +116,7 @@ def artifact_of(named: Mapping[str, Any]) -> str:
     return f"attitude-geometries-{noise}-{frame}-{count}.npz"
 
 
-def regular_geometries(frame: str, count: int) -> tuple[NDArray[np.intp], Truths]:
+def regular_geometries(frame: str, count: int) -> tuple[Places, Truths]:
     """The first numbered geometries that are not singular for theory."""
     drawn = count
     while True:

@@ -17,10 +17,9 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.figures import Distribution, Figure, Listing, along_entry, entry, predictor
 from simval.results import Outcome, Row, exact, unjudged
 from simval.shapes import Bool, Float
@@ -125,7 +124,7 @@ def limits_of(
     return limits
 
 
-def nearer(truth: Truth, frame: Frame | None) -> Bool[NDArray[np.bool_], "2 n"]:
+def nearer(truth: Truth, frame: Frame | None) -> Bool[Mask, "2 n"]:
     """True at each of `NEAR` where a formula is nearer than the second order."""
     noise = (attitude_moments(*truth, 1e-3, 2, frame).norm / NEAR)[:, None]
     found = {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}

@@ -61,7 +61,7 @@ from simval.imu.attitude import (
     wahba_covariance,
     wahba_quaternion,
 )
-from simval.results import Outcome, Row, beyond, exact, nees, plain, unjudged
+from simval.results import Outcome, Row, Rows, beyond, exact, nees, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.noise_kinds import (
@@ -436,7 +436,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _estimator_rows(
     setting: Setting, values: Array, x: Float[Array, "t n 3"], off: Array
-) -> tuple[Row, ...]:
+) -> Rows:
     """Squared error and normalised square of each estimator, and RMS over the bound.
 
     Then the judged ones of them with the linear turns as control variates.
@@ -486,7 +486,7 @@ def _test_rows(
     x: Float[Array, "t n 3"],
     losses: Float[Array, " t"],
     off: Float[Array, " m"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Share of samples whose loss is above the threshold, also with control variates.
 
     The last two of `off` are what the first order leaves out of the loss and its
@@ -517,14 +517,14 @@ def _test_rows(
     return (*rows, *beside(rows, [sharper]))
 
 
-def _stated_rows(setting: Setting) -> tuple[Row, ...]:
+def _stated_rows(setting: Setting) -> Rows:
     """Covariances that the least squares state, against their answers' response."""
     moved = response(
         lambda y: setting.turns(y.reshape(len(y), -1, 3)), setting.body.ravel(),
         STATED_STEP * setting.sine,
     )  # fmt: skip
     covariance = moved.covariance(np.repeat(setting.std, 3))
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for k, (name, weights) in enumerate(setting.weights.items()):
         own = slice(3 * k, 3 * k + 3)
         left = max(MET, ROUNDED * unequal(weights) / (STATED_STEP * setting.sine))

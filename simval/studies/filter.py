@@ -19,18 +19,17 @@ from hashlib import sha256
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import InputError, UnmeasurableError
 from simval.figures import Figure, Headline, Listing, Quote, along_entry, entry, words
 from simval.imu.filters.signals import FilterInput, Told
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter, run_once
 from simval.plugins.worlds import find_world, path
-from simval.results import Row, beyond
+from simval.results import Rows, beyond
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.filter_errors import (
@@ -149,7 +148,7 @@ class Filtering(Problem[Filter, str, Answers]):
             return answers
         return answers.from_its_own_heading()
 
-    def rows(self, probed: str, answers: Answers) -> tuple[Row, ...]:
+    def rows(self, probed: str, answers: Answers) -> Rows:
         """Its errors and what it states of them, and what they stand on."""
         parameters, plugin, way = self.parameters, self.plugin, self.way
         kept, late = instants(len(way.dt))
@@ -314,7 +313,7 @@ def joined(parts: list[FilterInput]) -> FilterInput:
     return replace(parts[0], **whole)
 
 
-def instants(steps: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def instants(steps: int) -> tuple[Places, Places]:
     """Rows that are kept, the instants and the row before each, and places of them."""
     late = np.unique(np.linspace(0, steps - 1, INSTANTS + 1).astype(np.intp)[1:])
     late = late[late > 0]
@@ -328,7 +327,7 @@ def measured_rows(
     answers: Answers,
     known: list[tuple[FilterPrediction, Float[Array, " i"]]],
     rate: Float[Array, "k 3"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of a filter's answers, against the bound and what theory predicts.
 
     `known` is that of right settings and of those that are told, with the square of the

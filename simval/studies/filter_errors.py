@@ -27,10 +27,9 @@ from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.consistency import (
     diverged,
     heading_and_inclination,
@@ -44,7 +43,7 @@ from simval.consistency import (
 )
 from simval.geometry import attitude_matrix, compose
 from simval.imu.filters.signals import FilterOutput
-from simval.results import Row, limit, nees, plain, unjudged
+from simval.results import Row, Rows, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.theory import FilterPrediction
 
@@ -91,7 +90,7 @@ class Answers:
     truth: Float[Array, "k 4"]  # at the rows that were kept
     bias: Float[Array, "n k 3"]
     time: Float[Array, " k"]  # s
-    late: NDArray[np.intp]  # places of the instants among the rows kept
+    late: Places  # places of the instants among the rows kept
     shifted: bool = False  # whether its headings count from its own first one
 
     @cached_property
@@ -116,7 +115,7 @@ class Answers:
         turned = compose(np.broadcast_to(back, q.shape), q)
         return replace(self, found=replace(self.found, attitude=turned), shifted=True)
 
-    def whitened(self, rows: NDArray[np.intp]) -> Float[Array, "n i m"] | None:
+    def whitened(self, rows: Places) -> Float[Array, "n i m"] | None:
         """Innovations of some rows over their covariance, where they are stated."""
         nu, S = self.found.innovation, self.found.innovation_covariance
         return None if nu is None or S is None else whitened(nu[:, rows], S[:, rows])
@@ -143,7 +142,7 @@ class Answers:
             each += [(stat.NIS(), white.shape[-1], np.vecdot(white, white))]
         return each
 
-    def shown(self) -> tuple[NDArray[np.intp], list[str]]:
+    def shown(self) -> tuple[Places, list[str]]:
         """Places of the instants that are shown, among them the last, and times."""
         time = self.time[self.late]
         places = np.unique(np.linspace(0, len(time) - 1, SHOWN).astype(np.intp))
@@ -155,7 +154,7 @@ def error_rows(
     bound: Float[Array, "i 3 3"],
     judged: bool,
     left: Array | float = 0.0,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Errors against the bound, heading and inclination apart, in all and at instants.
 
     Judged is that the error reaches the bound.
@@ -195,7 +194,7 @@ def over_bound_rows(
     bound: Float[Array, "i 3 3"],
     prediction: Float[Array, " i"],
     predictor: str,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Errors of the instants over the bound, against a prediction of that."""
     shown, _ = answers.shown()
     least = np.sqrt(np.linalg.trace(bound))[shown]
@@ -217,7 +216,7 @@ def consistency_rows(
     judged: bool,
     left: Array | float = 0.0,
     least: FilterPrediction | None = None,
-) -> tuple[Row, ...]:
+) -> Rows:
     """NEES, NIS and the correlation of innovations, judged or only shown.
 
     A square may have more by the second order, whose own square is `left`, and, as
@@ -257,7 +256,7 @@ def predicted_rows(
     theory: FilterPrediction,
     judged: bool,
     left: Array | float = 0.0,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Errors of the reference filter against what theory says that they are.
 
     Judged where the whole error stays small enough for the first order.
@@ -271,7 +270,7 @@ def predicted_rows(
     steady = normalised_squares(theory.mean[:, :3], theory.told[:, :3, :3])
     over = OVER + float(bends(left, steady).mean() / theory.nees(3).mean())
     check = plain if judged else unjudged
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for statistic, mean, expected in measured:
         rows += check(
             statistic, *mean, expected, stat.CARRIED, remainder=over * expected
@@ -301,7 +300,7 @@ def at_each_row(
     answers: Answers,
     values: Float[Array, "n k"],
     mean: Callable[[Float[Array, "n 1"]], tuple[float, float, int]],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of each instant that is shown by itself."""
     shown, at = answers.shown()
     each = [mean(values[:, k : k + 1]) for k in shown]
@@ -309,7 +308,7 @@ def at_each_row(
     return unjudged([family(ATTITUDE, t) for t in at], value, error, n[0])
 
 
-def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
+def lost_row(answers: Answers, judged: bool) -> Rows:
     """Share of trials that diverge: beyond thirty degrees in their second half."""
     angle = answers.angle
     share, n = float(diverged(angle, since=angle.shape[1] // 2).mean()), len(angle)
@@ -325,7 +324,7 @@ def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
     return root, error / (2.0 * root) if root > 0.0 else 0.0, n
 
 
-def budget_rows(answers: Answers, theory: FilterPrediction) -> tuple[Row, ...]:
+def budget_rows(answers: Answers, theory: FilterPrediction) -> Rows:
     """Contribution of each source to the predicted error, where there is one."""
     rows: list[Row] = []
     shown, at = answers.shown()
@@ -346,7 +345,7 @@ def diagnosis_rows(
     rate: Float[Array, "k 3"],
     bound: Float[Array, "i 3 3"],
     judged: bool,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Common error of all trials, by its form, and the stated covariance of parts.
 
     Judged are an error below the bound and, without a covariance, a form that is most
@@ -389,7 +388,7 @@ def diagnosis_rows(
 
 def _stated(
     answers: Answers, A: Float[Array, "i 3 3"], bound: Float[Array, "i 3 3"]
-) -> tuple[Row, ...]:
+) -> Rows:
     # heading and inclination apart, in the world, and each reading's innovation
     rows: list[Row] = []
     P = answers.found.covariance

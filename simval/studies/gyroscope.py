@@ -43,7 +43,7 @@ from simval.imu.calibrate import (
 from simval.imu.calibrate.gyroscope.noise import Weighting
 from simval.imu.calibrate.recording import Bias
 from simval.imu.sensor import GyroscopeModel
-from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
 from simval.shapes import Float
 from simval.streams import Streams
@@ -330,7 +330,7 @@ def _judged(
     bound: Float[Array, " p"],
     data: Tumble,
     scheme: Float[Array, "3 3"],
-) -> tuple[Row, ...]:
+) -> Rows:
     error, C = trials["error"], trials["covariance"]
     n, p = error.shape
     sd = np.sqrt(np.linalg.diagonal(C))
@@ -368,7 +368,7 @@ def _judged(
     )  # fmt: skip
 
 
-def _stated_row(clean: GyroscopeFit, data: Tumble) -> tuple[Row, ...]:
+def _stated_row(clean: GyroscopeFit, data: Tumble) -> Rows:
     """The covariance that is stated at the truth, against the bound of short pieces."""
     if data.parameters.estimator == "unweighted":  # which does not reach the bound
         return ()

@@ -29,7 +29,7 @@ from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
 from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere, observability
-from simval.results import Outcome, Row, beyond, control, plain, unjudged
+from simval.results import Outcome, Rows, beyond, control, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import UNITS, expanded, response_rows, rounding_of
@@ -160,7 +160,7 @@ def _rung_rows(
     known: Expanded,
     predicted: CalibrationMoments,
     left: Float[Array, "9"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Mean relative bias of the scales, with its standard error, against theory."""
     unit = (parameters.noise_std / G) ** 2
     left_out = float((left[3:6] / sensor.K).mean() / unit)
@@ -188,7 +188,7 @@ def _scale_rows(
     known: Expanded,
     predicted: CalibrationMoments,
     left: Float[Array, "3"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Bias of the three scales along the predicted one; its entries are judged."""
     n, bias = pairs.shape[1], predicted.bias[3:6]
     size = float(np.sqrt(np.mean(bias**2)))

@@ -43,7 +43,17 @@ from simval.imu.calibrate import (
     fit,
 )
 from simval.imu.sensor import MagnetometerModel
-from simval.results import Outcome, Row, beyond, exact, limit, nees, plain, unjudged
+from simval.results import (
+    Outcome,
+    Row,
+    Rows,
+    beyond,
+    exact,
+    limit,
+    nees,
+    plain,
+    unjudged,
+)
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
@@ -258,7 +268,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
 
 
-Measured = Iterator[tuple[tuple[Row, ...], Reduced]]
+Measured = Iterator[tuple[Rows, Reduced]]
 """Rows of some statistics, and the same with control variates."""
 
 
@@ -362,9 +372,7 @@ def _stated(
     ), reduced_mean(seen["chi_square"], linear, 1.0)  # fmt: skip
 
 
-def _spread_row(
-    error: Float[Array, "t 22"], predicted: MagnetometerMoments
-) -> tuple[Row, ...]:
+def _spread_row(error: Float[Array, "t 22"], predicted: MagnetometerMoments) -> Rows:
     """Standard deviation of M, RMS over its entries, which are judged one by one."""
     part, n = PARTS["M"], len(error)
     squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
@@ -374,7 +382,7 @@ def _spread_row(
     return unjudged(stat.SPREAD("M"), *found, n, expected, stat.FIRST_ORDER, left)
 
 
-def _recovery(case: Scenario) -> tuple[Row, ...]:
+def _recovery(case: Scenario) -> Rows:
     fit = case.fitted(*case.means)
     error = np.abs(fit.parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
@@ -385,7 +393,7 @@ def _recovery(case: Scenario) -> tuple[Row, ...]:
     return limit(stat.RECOVERY.each(PARTS), relative, RECOVERED, stat.TRUTH, n=1)
 
 
-def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
+def stated_row(case: Scenario, predicted: MagnetometerMoments) -> Rows:
     """The covariance that the fit states at the truth, against the bound."""
     fit = case.fitted(*case.means)
     off = apart(fit.covariance, predicted.covariance)
@@ -394,7 +402,7 @@ def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...
 
 def response_rows(
     poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of theory against the estimate; none for noises too unlike."""
     noise = np.array([accelerometer_noise, field_noise]) / LOUD
     if noise.max() > UNLIKE * noise.min():

@@ -42,7 +42,7 @@ from simval.imu.noise import (
 )
 from simval.imu.noise.least_squares import RIDGE, AllanProblem, ends, fitted
 from simval.imu.sensor import NoiseModel
-from simval.results import Outcome, Row, exact, limit, plain
+from simval.results import Outcome, Rows, exact, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, apart
@@ -281,7 +281,7 @@ def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
         wrong.setdefault("components", []).append(not right)
     # the least count that so many signals reach with a smaller probability
     chance = 1.0 - SELDOM / len(wrong)
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for name, each in wrong.items():
         count = len(each)
         most = np.ceil(scipy.special.bdtrik(chance, count, 1.0 - RATE_OF_INTERVALS))
@@ -291,7 +291,7 @@ def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=rows)
 
 
-def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
+def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> Rows:
     """Mean of the squares of N, B and K over the truth, by weights that are known."""
     n, sd = len(misfits), np.sqrt(theory.predicted) / theory.truth
     mean = 1.0 + np.mean(misfits @ theory.weights.T / theory.truth, axis=0)
@@ -302,7 +302,7 @@ def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
     )  # fmt: skip
 
 
-def _white_row() -> tuple[Row, ...]:
+def _white_row() -> Rows:
     """The covariance (V4) of a few rows of white noise against its quadratic forms.
 
     An Allan variance is y'Ay, and the covariance of two of white noise is 2 tr AB.

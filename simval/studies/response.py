@@ -47,11 +47,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.montecarlo import taylor
-from simval.results import Row
+from simval.results import Row, Rows
 from simval.shapes import Float
 
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
@@ -219,9 +218,7 @@ def reduced_mean(
     return difference.mean(axis=0) + mean, error
 
 
-def reduced_share(
-    inside: NDArray[np.bool_], known: NDArray[np.bool_], mean: Array | float
-) -> Reduced:
+def reduced_share(inside: Mask, known: Mask, mean: Array | float) -> Reduced:
     """Share of trials, by another event whose probability is known."""
     n = len(inside)
     apart = np.count_nonzero(inside != known, axis=0)
@@ -242,7 +239,7 @@ def stated(
 
 def beside(
     rows: Sequence[Row], reduced: Sequence[Reduced], rounding: Array | float = 0.0
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows like these, sampled with control variates: the reduced means in their order.
 
     `rounding` is what the estimator's own arithmetic may add, which plain samples

@@ -19,7 +19,7 @@ from simval.figures import Figure
 from simval.imu.filters.signals import FilterInput, Told
 from simval.plugins import Filter, find_plugin
 from simval.plugins.runs import run_filter
-from simval.results import Outcome, Row, beyond, unjudged
+from simval.results import Outcome, Rows, beyond, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.filter import instants, joined, moved
@@ -187,7 +187,7 @@ def readings(
     return replace(given, **more), bias, errors
 
 
-def setting_rows(found: FilterSettings | None) -> tuple[Row, ...]:
+def setting_rows(found: FilterSettings | None) -> Rows:
     """Factors that were found, and whether they are honest."""
     if found is None:
         return ()

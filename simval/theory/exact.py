@@ -67,9 +67,8 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from simval.arrays import Array, Scalars, frozen
+from simval.arrays import Array, Mask, Scalars, frozen
 from simval.errors import RefusedError
 from simval.geometry import cross, cross_matrix
 from simval.shapes import Float
@@ -239,7 +238,7 @@ def exact_moments(
 
 def _moments_about_d2(
     geometry: TwoVectorGeometry, tau: Float[Array, "2 n"]
-) -> tuple[Float[Array, "n 4"], Float[Array, "n 4 4"], NDArray[np.bool_]]:
+) -> tuple[Float[Array, "n 4"], Float[Array, "n 4 4"], Mask]:
     # under isotropic noise, and where two rules agree
     n = len(geometry.q)
     bias, covariance = np.full((n, 4), np.inf), np.zeros((n, 4, 4))
@@ -338,7 +337,7 @@ def _sizes(moments: tuple[Array, Array]) -> tuple[Scalars, Scalars]:
 
 def isotropic(
     noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
-) -> NDArray[np.bool_]:
+) -> Mask:
     """True if every covariance is a multiple of the identity, but for rounding.
 
     Never of stacked vectors, which may be correlated with each other.

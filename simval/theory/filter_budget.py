@@ -35,10 +35,9 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, ReadOnly, physical_array
+from simval.arrays import Array, Mask, Places, ReadOnly, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -116,7 +115,7 @@ class Part(NamedTuple):
     @classmethod
     def of(
         cls, path: FilterPath, truth: FilterModel, told: FilterModel,
-        active: NDArray[np.bool_], rows: slice, errors: tuple[Error, ...],
+        active: Mask, rows: slice, errors: tuple[Error, ...],
     ) -> "Part":  # fmt: skip
         """Linearise some rows of a path."""
         steps = steps_of(path, truth, active, rows)
@@ -131,7 +130,7 @@ class Part(NamedTuple):
         other = steps if told is truth else steps_of(path, told, active, rows)
         return cls(truth=steps, told=other, errors=errors, names=names, B=B)
 
-    def run(self, state: State, some: NDArray[np.intp]) -> tuple[State, Answer]:
+    def run(self, state: State, some: Places) -> tuple[State, Answer]:
         """State after the last row, and the answer at some rows."""
         P = covariances(self.told, state.P)
         maps = self._maps(P[1:])
@@ -170,7 +169,7 @@ class Part(NamedTuple):
         P: Float[Array, "n 6 6"],
         X: Float[Array, "n s 6 6"],
         S: Float[Array, "n 6 p"],
-        some: NDArray[np.intp],
+        some: Places,
     ) -> tuple[Float[Array, "k 3 3"], Float[Array, " k"], Float[Array, " k"]]:
         """Of some rows the attitude's second moment before, NIS, and their readings."""
         k, s = len(some), len(self.names)
@@ -194,9 +193,7 @@ class Part(NamedTuple):
         moment = before + _of_columns(turned, self.errors)
         return moment, nis, active.sum(axis=1).astype(float)
 
-    def _before(
-        self, S: Float[Array, "n 6 p"], some: NDArray[np.intp]
-    ) -> Float[Array, "k 3 p"]:
+    def _before(self, S: Float[Array, "n 6 p"], some: Places) -> Float[Array, "k 3 p"]:
         # columns of the attitude after the step, before the measurements
         D = [
             self.truth.L[some] @ B[some] * (channel(each) == GYROSCOPE)
@@ -266,7 +263,7 @@ class FilterPrediction(ReadOnly):
         What it is for a filter that is told the truth: readings of the row, (k,).
     """
 
-    kept: NDArray[np.intp]
+    kept: Places
     names: tuple[str, ...]
     parts: Float[Array, "s k 6 6"]
     mean: Float[Array, "k 6"]
@@ -507,9 +504,7 @@ def _updated(
     return np.concatenate([left, -d[3:]]), before - K @ H @ before, spread
 
 
-def _later(
-    model: FilterModel, active: NDArray[np.bool_], start: Float[Array, "6 6"]
-) -> FilterModel:
+def _later(model: FilterModel, active: Mask, start: Float[Array, "6 6"]) -> FilterModel:
     sensors = tuple(
         replace(each, rows=active[1:, s]) for s, each in enumerate(model.sensors)
     )

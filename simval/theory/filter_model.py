@@ -39,10 +39,9 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import choice, instance, whole_number
-from simval.arrays import Array, frozen, physical_array
+from simval.arrays import Array, Mask, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -143,7 +142,7 @@ class VectorSensor:
         else:
             whole_number("rows", self.rows, 1)
 
-    def active(self, T: int) -> NDArray[np.bool_]:
+    def active(self, T: int) -> Mask:
         """Rows at which it measures.
 
         Parameters
@@ -153,7 +152,7 @@ class VectorSensor:
 
         Returns
         -------
-        NDArray[np.bool_]
+        Mask
             (T,); of every so many rows the last one.
         """
         if not isinstance(self.rows, np.ndarray):
@@ -218,7 +217,7 @@ class Steps(NamedTuple):
     walk: Float[Array, "T 6 6"]  # Q of the walk
     H: Float[Array, "T s 3 3"]  # by the attitude; 0 where a sensor has no row
     weight: Float[Array, "s 3"]  # one over the variances
-    active: NDArray[np.bool_]  # (T, s)
+    active: Mask  # (T, s)
 
     @property
     def Q(self) -> Float[Array, "T 6 6"]:
@@ -231,9 +230,7 @@ class Steps(NamedTuple):
         return self.H.mT @ (self.weight[:, :, None] * self.H)
 
 
-def steps_of(
-    path: FilterPath, model: FilterModel, active: NDArray[np.bool_], rows: slice
-) -> Steps:
+def steps_of(path: FilterPath, model: FilterModel, active: Mask, rows: slice) -> Steps:
     """Linearise some rows of a path; `active` is that of all rows."""
     h = path.dt[rows, None, None]
     q = path.attitude[rows.start : rows.stop + 1]

@@ -58,10 +58,9 @@ from math import ceil, sqrt
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, ReadOnly
+from simval.arrays import Array, Places, ReadOnly
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_model import (
@@ -184,7 +183,7 @@ class FilterBound(ReadOnly):
         Before them, (k, 6, 6).
     """
 
-    kept: NDArray[np.intp]
+    kept: Places
     covariance: Float[Array, "k 6 6"]
     before: Float[Array, "k 6 6"]
 
@@ -247,7 +246,7 @@ def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "n 6 6
 
 
 def predicted(
-    steps: Steps, P: Float[Array, "T 6 6"], some: NDArray[np.intp]
+    steps: Steps, P: Float[Array, "T 6 6"], some: Places
 ) -> Float[Array, "k 6 6"]:
     """Covariance after the step of some rows, before their measurements."""
     F = steps.F[some]
@@ -259,7 +258,7 @@ def chunks(T: int) -> list[slice]:
     return [slice(a, min(a + TOGETHER, T)) for a in range(0, T, TOGETHER)]
 
 
-def kept_rows(keep: Any, T: int) -> NDArray[np.intp]:
+def kept_rows(keep: Any, T: int) -> Places:
     """Rows to keep, of every so many the last.
 
     Raises
