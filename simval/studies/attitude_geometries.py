@@ -20,7 +20,7 @@ from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array, Places
-from simval.figures import Distribution, Listing, entries, predictor
+from simval.figures import Distribution, Listing, entries, family_words, predictor
 from simval.results import Outcome, limit, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
@@ -190,6 +190,6 @@ FIGURES = (
         ),
         rows=[stat.LEADING_ERROR_RATIO, stat.NEARER, stat.LEADING_TERM_OFF],
         keys={"formula": predictor},
-        column=lambda row: entries(row) or row.statistic.family.words,
+        column=lambda row: entries(row) or family_words(row),
     ),
 )

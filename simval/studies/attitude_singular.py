@@ -55,7 +55,7 @@ from pydantic import Field, model_validator
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.figures import Figure, Headline, Listing, Quote, entry
+from simval.figures import Figure, Headline, Listing, Quote, entry, family_words
 from simval.geometry import (
     attitude_error,
     compose,
@@ -468,9 +468,8 @@ def _normalisation_rows(
     found = {k: attitude_moments(*given, k, setting.best) for k in orders}
     left = expansion_remainders(found)[2].bias
     turns = trials["turn"]
-    mean, error = turns.mean(axis=0), turns.std(axis=0, ddof=1) / np.sqrt(len(turns))
     own = plain(
-        stat.BIAS.each("xyzs"), mean, error, len(turns),
+        stat.BIAS.each("xyzs"), *mean_of(turns),
         multiplicative_moments(found[2]).bias, stat.ORDER_2, 2.0 * more * left,
     )  # fmt: skip
     yield from own
@@ -611,7 +610,7 @@ FIGURES = (
         caption="Error of each remedy, over the bound, and its square over theory's",
         rows=[stat.RMS, stat.RMS_OVER_BOUND, stat.SQUARED_ERROR],
         keys={"remedy": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
     Listing(
         name="singular-costs",
@@ -631,7 +630,7 @@ FIGURES = (
         ),
         rows=[stat.STEP, stat.LENGTH_OFF, stat.FAILURES],
         keys={"of": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
         predicted=True,
     ),
 )

@@ -53,7 +53,7 @@ from simval.arrays import Array
 from simval.change import PAIRED_SHARE
 from simval.consistency import normalised_squares, rotation_error
 from simval.errors import RefusedError
-from simval.figures import Figure, Listing, entry, predictor
+from simval.figures import Figure, Listing, entry, family_words, predictor
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.imu.attitude import (
     consistency,
@@ -80,7 +80,13 @@ from simval.studies.response import (
     response,
 )
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged, refusing
-from simval.studies.trials import correlation_row, noise_row, root, share_error
+from simval.studies.trials import (
+    correlation_row,
+    mean_of,
+    noise_row,
+    root,
+    share_error,
+)
 from simval.theory import (
     attitude_moments,
     cubature_moments,
@@ -441,8 +447,7 @@ def _estimator_rows(
 
     Then the judged ones of them with the linear turns as control variates.
     """
-    n, count = len(values), len(setting.predicted)
-    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(n)
+    (mean, error, n), count = mean_of(values), len(setting.predicted)
     known = linearized(setting.errors, x.reshape(n, -1))
     squares: list[Row] = []
     own: list[Row] = []
@@ -581,10 +586,6 @@ def _order_rows(setting: Setting) -> Iterator[Row]:
         yield from beyond(rows, out if beyond_first > MOST_NEXT else "")
 
 
-def _family(row: Row) -> str:
-    return row.statistic.family.words
-
-
 FIGURES = (
     Figure(
         name="vectors",
@@ -609,7 +610,7 @@ FIGURES = (
         caption="Error of each estimator in each setting, and its covariance",
         rows=[stat.RMS_OVER_BOUND, stat.SQUARED_ERROR, stat.NEES],
         keys={"estimator": entry(0)},
-        column=_family,
+        column=family_words,
         predicted=True,
     ),
     Listing(

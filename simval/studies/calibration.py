@@ -60,7 +60,7 @@ RECOVERED = 1e-9
 ROUNDED = 64 * np.finfo(float).eps
 """Of g and 1, times the condition of the poses: thirty times what the worst of those
 500 was off by. Control variates see that."""
-G = 9.80665  # m/s^2, natural size of a bias
+G = 9.80665  # m/s^2, standard gravity, and the natural size of a bias
 UNITS = ("1",) * 6 + ("m/s²",) * 3
 MOST_POSES = 40
 """Poses: more tell nothing new of a formula."""

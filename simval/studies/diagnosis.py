@@ -38,7 +38,7 @@ import scipy
 from pydantic import Field
 
 from simval import statistics as stat
-from simval.figures import Figure, Listing, along_entry, entry
+from simval.figures import Figure, Listing, along_entry, entry, family_words
 from simval.geometry import normalize
 from simval.imu.explain import Judgement, RestMeans, judge
 from simval.imu.explain.explanation import Kind
@@ -331,13 +331,13 @@ FIGURES = (
         caption="How each fault stands, by its size",
         rows=[*STANDINGS.values(), stat.MISSED_AT],
         keys={"fault": entry(0), "times the noise": entry(1)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
     Listing(
         name="diagnosis-sound",
         caption="Sound logs that are accused, and that are asked about",
         rows=[stat.ACCUSED, stat.ASKED],
         keys={"logs": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
 )

@@ -12,7 +12,7 @@ filter then does; another filter is only shown. `simval.studies.filter_errors` s
 its errors, and what it states of them, are judged.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
@@ -135,15 +135,7 @@ class Filtering(Problem[Filter, str, Answers]):
 
     def trials(self, probed: str) -> Answers:
         """Answers for all trials at the instants; some are repeated as they run."""
-        kept, late = instants(len(self.way.dt))
-        given = joined([readings for readings, _ in self.draws])
-        answers = Answers(
-            found=run_filter(self.plugin, given, kept, probed),
-            truth=self.way.attitude[kept + 1],
-            bias=np.concatenate([bias[:, kept] for _, bias in self.draws]),
-            time=self.way.time[kept],
-            late=late,
-        )
+        answers = answers_of(self.plugin, probed, self.way, self.draws)
         if self.plugin.magnetometer or "start" in self.plugin.reads:
             return answers
         return answers.from_its_own_heading()
@@ -151,18 +143,17 @@ class Filtering(Problem[Filter, str, Answers]):
     def rows(self, probed: str, answers: Answers) -> Rows:
         """Its errors and what it states of them, and what they stand on."""
         parameters, plugin, way = self.parameters, self.plugin, self.way
-        kept, late = instants(len(way.dt))
         right = {"scenario": parameters.named_scenario, "algorithm": REFERENCE}
         told = parameters.model_copy(update=right), plugin.magnetometer
         theory = least = least_of(*told)
         if way.disturbed or parameters.wrong != Wrong():
-            at = kept[late], plugin.magnetometer
+            at = answers.rows, plugin.magnetometer
             theory = prediction(way, self.sensors, self.told, *at)
         known = [
             (each, second_order(way, self.sensors, each, plugin.magnetometer))
             for each in (least, theory)
         ]
-        rows = measured_rows(parameters, way, answers, known, way.rate[kept])
+        rows = measured_rows(parameters, way, answers, known)
         rows += drawn_filter_rows(way, self.sensors, self.draws)
         if parameters.reference and not parameters.anywhere and not way.disturbed:
             scenario = parameters.named_scenario
@@ -303,6 +294,24 @@ def least_of(right: Parameters, magnetometer: bool) -> FilterPrediction:
     return prediction(undisturbed(way), sensors, told, kept[late], magnetometer)
 
 
+def answers_of(
+    plugin: Filter,
+    world: str,
+    way: Course,
+    draws: Sequence[tuple[FilterInput, Float[Array, "n T 3"]]],
+) -> Answers:
+    """Answers to the readings of each block, whose biases are beside them."""
+    kept, late = instants(len(way.dt))
+    given = joined([readings for readings, _ in draws])
+    return Answers(
+        found=run_filter(plugin, given, kept, world),
+        truth=way.attitude[kept + 1],
+        bias=np.concatenate([bias[:, kept] for _, bias in draws]),
+        time=way.time[kept],
+        late=late,
+    )
+
+
 def joined(parts: list[FilterInput]) -> FilterInput:
     """Trials of several blocks together."""
     several = ("gyroscope", "accelerometer", "magnetometer", "start")
@@ -326,7 +335,6 @@ def measured_rows(
     way: Course,
     answers: Answers,
     known: list[tuple[FilterPrediction, Float[Array, " i"]]],
-    rate: Float[Array, "k 3"],
 ) -> Rows:
     """Rows of a filter's answers, against the bound and what theory predicts.
 
@@ -346,7 +354,7 @@ def measured_rows(
         *lost_row(answers, judged),
     ]
     if not parameters.reference:  # whose own tests know it
-        rows += diagnosis_rows(answers, rate, bound, judged)
+        rows += diagnosis_rows(answers, way.rate[answers.found.kept], bound, judged)
     turns = max((least.nees() - 6.0).max(), (least.nis - least.nis_size).max())
     turned = moved("what averages leave out of the turns", turns, "chi-square")
     found = beyond(rows, moved("the second order", left.max()) or turned)

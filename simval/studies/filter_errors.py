@@ -93,6 +93,11 @@ class Answers:
     late: Places  # places of the instants among the rows kept
     shifted: bool = False  # whether its headings count from its own first one
 
+    @property
+    def rows(self) -> Places:
+        """Rows of the readings at the instants."""
+        return self.found.kept[self.late]
+
     @cached_property
     def error(self) -> Float[Array, "n i 3"]:
         """Attitude errors at the instants, rad."""

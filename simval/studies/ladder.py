@@ -32,7 +32,13 @@ from simval.poses import fibonacci_sphere, observability
 from simval.results import Outcome, Rows, beyond, control, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import UNITS, expanded, response_rows, rounding_of
+from simval.studies.calibration import (
+    UNITS,
+    G,
+    expanded,
+    response_rows,
+    rounding_of,
+)
 from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, correlation_row, noise_row, trials_of
@@ -42,7 +48,6 @@ TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"
 
 BLOCK = 256  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 # of many poses of an ideal sensor: `test_the_ladder`, test_theory_calibration_page.py
 RUNGS = {"squared": -3.5, "norm": -2.0, "weighted": -1.5, "sampson": 0.5, "adjusted": 0}
 

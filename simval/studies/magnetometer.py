@@ -56,7 +56,7 @@ from simval.results import (
 )
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
+from simval.studies.calibration import G, true_sensor
 from simval.studies.response import (
     MET,
     STEP,
@@ -94,7 +94,6 @@ TITLE = "Magnetometer: all 22 parameters at the bound, and the two-step calibrat
 SECTION = "magnetometer"
 
 BLOCK = 128  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 LEVEL = 0.95
 ALL = 22
 RECOVERED = 1e-9

@@ -24,7 +24,7 @@ errors of 0.02 to 0.04; intervals that cover 95.1, 93.3 and 96.0 % (the same 6 0
 ``trials = 6000`` and ``rows = [4096, 16384]``.
 """
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -51,6 +51,7 @@ from simval.studies.trials import (
     KEPT,
     Kept,
     correlation_row,
+    mean_of,
     share_error,
     trials_of,
 )
@@ -91,12 +92,8 @@ class Parameters(StudyParameters):
         "the choice of components, of a Markov bias and of strong flicker and walk.",
     )
     rows: int = ranged(16_384, "Rows of a signal, at 100 Hz.", 4096, 1_000_000)
-    flicker: Annotated[float, Field(ge=1e-6, le=10.0)] = Field(
-        default=0.5, description="Flicker B over white noise N, root Hz."
-    )
-    walk: Annotated[float, Field(ge=1e-6, le=10.0)] = Field(
-        default=0.3, description="Random walk K over white noise N, Hz."
-    )
+    flicker: float = ranged(0.5, "Flicker B over white noise N, root Hz.", 1e-6, 10.0)
+    walk: float = ranged(0.3, "Random walk K over white noise N, Hz.", 1e-6, 10.0)
     trials: int = ranged(
         1200,
         "Signals; rounded up to whole blocks of 24; of choices a 12th of each kind.",
@@ -209,8 +206,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     variances = trials["variances"]
     parts = np.array_split(variances, -(-len(variances) // TOGETHER))
     errors = np.concatenate([theory.errors(v, parameters.estimate) for v in parts])
-    value, n = errors.mean(axis=0), len(errors)
-    error = errors.std(axis=0, ddof=1) / np.sqrt(n)
+    value, error, n = mean_of(errors)
     linear = parameters.estimate == "known weights"
     squares = theory.grown + theory.bias**2
     remainders = np.full(3, LAGS) if linear else np.array(REMAINDERS)

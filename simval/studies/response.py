@@ -52,6 +52,7 @@ from simval.arrays import Array, Mask
 from simval.montecarlo import taylor
 from simval.results import Row, Rows
 from simval.shapes import Float
+from simval.studies.trials import mean_of
 
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
@@ -213,9 +214,8 @@ def reduced_mean(
     values: Float[Array, "t ..."], known: Float[Array, "t ..."], mean: Array | float
 ) -> Reduced:
     """Mean of a feature, by another one of the same trials whose mean is known."""
-    difference = values - known
-    error = np.std(difference, axis=0, ddof=1) / np.sqrt(len(difference))
-    return difference.mean(axis=0) + mean, error
+    found, error, _ = mean_of(values - known)
+    return found + mean, error
 
 
 def reduced_share(inside: Mask, known: Mask, mean: Array | float) -> Reduced:

@@ -25,7 +25,7 @@ from simval.poses import PARAMETERS, fibonacci_sphere
 from simval.results import Outcome, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
+from simval.studies.calibration import G, true_sensor
 from simval.studies.coverage import FREEDOM, LEVEL
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, drawn_rows, mean_of, share_error, trials_of
@@ -37,7 +37,6 @@ TITLE = "Temperature: are bias and scale in it at the bound, and what does it co
 SECTION = "calibration"
 
 BLOCK = 64  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 TRUE = np.array([[2e-3, -1e-3, 1.5e-3], [1e-4, -5e-5, 2e-4]])
 """Of bias, m/s^2/K, and scale, 1/K: of a consumer's part, as of a data sheet."""
 STEPS = 60

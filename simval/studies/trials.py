@@ -127,10 +127,10 @@ def share_error(share: Any, n: int) -> Any:
     return np.sqrt(np.maximum(share * (1.0 - share), 1.0 / n) / n)
 
 
-def mean_of(values: Float[Array, " n"] | list[float]) -> tuple[float, float, int]:
+def mean_of(values: Float[Array, "t ..."]) -> tuple[Any, Any, int]:
     """Mean of some trials, its standard error, and their number."""
-    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
-    return float(np.mean(values)), error, len(values)
+    n = len(values)
+    return np.mean(values, axis=0), np.std(values, axis=0, ddof=1) / np.sqrt(n), n
 
 
 def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> Rows:
