@@ -31,7 +31,7 @@ from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, ref
 from simval.studies.trials import Kept, drawn_rows, mean_of, share_error, trials_of
 from simval.theory.calibration import VARIANCE_NEXT
 from simval.theory.coverage import interval_coverage
-from simval.theory.thermal import LINEAR, thermal_equations
+from simval.theory.thermal import thermal_equations
 
 TITLE = "Temperature: are bias and scale in it at the bound, and what does it cost?"
 SECTION = "calibration"
@@ -39,6 +39,7 @@ SECTION = "calibration"
 BLOCK = 64  # trials; part of the promise of equal bits
 TRUE = np.array([[2e-3, -1e-3, 1.5e-3], [1e-4, -5e-5, 2e-4]])
 """Of bias, m/s^2/K, and scale, 1/K: of a consumer's part, as of a data sheet."""
+LINEAR = (("bias", 1), ("scale", 1))
 STEPS = 60
 NAMES = (*forms.names("triangular"), *names_of(LINEAR))
 UNITS = ("1",) * 6 + ("m/s²",) * 3 + ("m/s²/K",) * 3 + ("1/K",) * 3

@@ -34,7 +34,6 @@ from simval.theory.expansion import (
     scaled_error_moments,
     second_order_bias,
     second_order_covariance,
-    tangent_projector,
     two_vector_direction,
 )
 from simval.theory.series import require_distribution, series_moments
@@ -51,6 +50,7 @@ from simval.theory.two_vector import (
     normalized_noise,
     own_axes,
     require_apart,
+    tangent_projector,
     turned_geometry,
     unit_arguments,
     vectors_of,

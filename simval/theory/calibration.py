@@ -186,6 +186,11 @@ def calibration_moments(
     )
 
 
+def in_form(form: str, model: AccelerometerModel) -> Float[Array, "9"]:
+    """Parameters of a sensor in a form."""
+    return forms.from_gram(form, model.matrix.T @ model.matrix, model.B)
+
+
 def _natural_sizes(form: str, scale: Array, g: float) -> Array:
     # size s of the nine parameters, eq. (K3)
     first = np.full(6, scale.max())
@@ -202,7 +207,7 @@ def _equations(
     residual: str,
     form: str,
 ) -> Estimating:
-    theta = forms.from_gram(form, model.matrix.T @ model.matrix, model.B)
+    theta = in_form(form, model)
 
     def rows(
         theta: Inexact[Array, "t 9"], y: Inexact[Array, "t n 3"]

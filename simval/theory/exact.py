@@ -76,6 +76,10 @@ from simval.theory.cubature import covariance_roots
 from simval.theory.expansion import half_noise
 from simval.theory.two_vector import TwoVectorGeometry, naming
 
+Rule = tuple[Array, Array]
+"""Directions or other nodes, and their weights."""
+MeanAndCovariance = tuple[Array, Array]
+
 # Azimuth nodes, with `_MORE` polar ones, about the direction of d2. Far from singular
 # the second rule suffices, which the first only checks.
 _MORE: Final = 10
@@ -151,15 +155,17 @@ def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
 def _panel(
     low: float, high: Any, count: int
 ) -> tuple[Float[Array, "... count"], Float[Array, "... count"]]:
-    x, w = _legendre(count)
+    x, w = _gauss(np.polynomial.legendre.leggauss, count)
     half = 0.5 * (np.asarray(high) - low)[..., None]
     return low + half * (x + 1.0), half * w
 
 
-@lru_cache(maxsize=32)
-def _legendre(count: int) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
+@lru_cache(maxsize=64)
+def _gauss(
+    rule: Callable[[int], Rule], count: int
+) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
     # half of the time of an exact answer, if it is worked out anew for each panel
-    x, w = np.polynomial.legendre.leggauss(count)
+    x, w = rule(count)
     return frozen(x), frozen(w)
 
 
@@ -260,7 +266,7 @@ def _moments_about_d2(
 
 def _moments_about_d1(
     geometry: TwoVectorGeometry, tau1: float, tau2: float
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     # of one geometry under isotropic noise, after the last rule about d2
     d1 = np.linalg.norm(geometry.d1)
     across = np.linalg.norm(cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
@@ -268,7 +274,7 @@ def _moments_about_d1(
     if tau2 > 0.0:
         scale = max(scale, 0.4 * float(across) / tau2)
 
-    def rules() -> Iterator[tuple[Array, Array]]:
+    def rules() -> Iterator[Rule]:
         yield about_d2(geometry.d2, tau2, (_MORE + _ABOUT_D2[-1], _ABOUT_D2[-1]))
         for nodes in _refined(_ABOUT_D1, scale, *_AZIMUTHS):
             yield _about_d1(geometry.d1, geometry.d2, (tau1, tau2), nodes)
@@ -288,11 +294,11 @@ def _refined(
 
 
 def converged(
-    rules: Iterable[tuple[Array, Array]],
-    functional: Callable[[Array, Array], tuple[Array, Array]],
+    rules: Iterable[Rule],
+    functional: Callable[[Array, Array], MeanAndCovariance],
     norm: float,
     spread: tuple[float, float],
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     """Moments by directions and weights, by rules that refine until two agree.
 
     Raises
@@ -300,7 +306,7 @@ def converged(
     RefusedError
         If the finest two rules do not agree within 1e-9.
     """
-    previous: tuple[Array, Array] | None = None
+    previous: MeanAndCovariance | None = None
     gap = np.inf
     for directions, weights in rules:
         total = weights.sum()
@@ -318,7 +324,7 @@ def converged(
     raise RefusedError(msg)
 
 
-def _gap(previous: tuple[Array, Array], found: tuple[Array, Array], total: Any) -> Any:
+def _gap(previous: MeanAndCovariance, found: MeanAndCovariance, total: Any) -> Any:
     # Greatest relative change of bias and covariance, and what the density is off 1.
     # q - w is rounded to 1e-16, so at noise below 1e-7 a mean cannot agree better than
     # 1e-15, nor a covariance better than 1e-15 standard deviations.
@@ -328,7 +334,7 @@ def _gap(previous: tuple[Array, Array], found: tuple[Array, Array], total: Any) 
     return np.maximum(np.maximum(mean / (bias + 1e-6), relative), np.abs(total - 1.0))
 
 
-def _sizes(moments: tuple[Array, Array]) -> tuple[Scalars, Scalars]:
+def _sizes(moments: MeanAndCovariance) -> tuple[Scalars, Scalars]:
     # norms of bias and covariance
     bias, covariance = moments
     flat = covariance.reshape(*bias.shape[:-1], 16)
@@ -445,7 +451,7 @@ _HERMITE: Final = (8, 12, 18, 27)
 
 def exact_moments_any(
     geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"] | Float[Array, "12 12"]
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     """Exact bias and covariance of q - qhat in the turned frame, any covariances.
 
     Raises
@@ -465,7 +471,7 @@ def exact_moments_any(
 
 def _rules_any(
     geometry: TwoVectorGeometry, C1: Array, C2: Array, alone: bool
-) -> Iterator[tuple[Array, Array]]:
+) -> Iterator[Rule]:
     # d2 + R x for standard normal x, R R' = C2; directions alone where they suffice
     d2 = geometry.d2
     variances, axes = np.linalg.eigh(C2)
@@ -485,7 +491,7 @@ def _rules_any(
 
 def _whitened_rules(
     geometry: TwoVectorGeometry, C1: Array, centre: Array, root: Array
-) -> Iterator[tuple[Array, Array]]:
+) -> Iterator[Rule]:
     # about the directions of d2 and of d1 as R^-1 turns them
     for count in _NODES:
         yield about_d2(centre, 1.0, (_MORE + count, count))
@@ -502,16 +508,8 @@ def _whitened_rules(
         yield _about_d1(d1, centre, (float(tau1), 1.0), nodes)
 
 
-@lru_cache(maxsize=32)
-def _hermite(count: int) -> tuple[Array, Array]:
-    x, w = np.polynomial.hermite_e.hermegauss(count)
-    return frozen(x), frozen(w)
-
-
-def _hermite_rule(
-    d2: Array, variances: Array, axes: Array, count: int
-) -> tuple[Array, Array]:
-    x, w = _hermite(count)
+def _hermite_rule(d2: Array, variances: Array, axes: Array, count: int) -> Rule:
+    x, w = _gauss(np.polynomial.hermite_e.hermegauss, count)
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
     weights = (w[:, None, None] * w[:, None] * w).ravel() / w.sum() ** 3
     kept = weights > 1e-22
@@ -530,7 +528,7 @@ def _moments_any(
     slope: Array | None,
     points: Array,
     weights: Array,
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     # bias and covariance from (E4), averaged over d2 or its directions
     maps, basis = direction_maps(_normalized(points))
     z1 = np.concatenate([geometry.d1, geometry.s1])

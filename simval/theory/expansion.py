@@ -95,7 +95,11 @@ from simval.arrays import Array, Scalars
 from simval.geometry import cross, cross_matrix
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
-from simval.theory.two_vector import TwoVectorGeometry, column_maps
+from simval.theory.two_vector import (
+    TwoVectorGeometry,
+    column_maps,
+    tangent_projector,
+)
 
 # eps[j, a, k] with (v x w)_a = sum eps[j, a, k] v_j w_k
 _LEVI_CIVITA = np.stack([cross_matrix(row) for row in np.eye(3)])
@@ -211,11 +215,6 @@ def scaled_error_moments(
     V = spread.reshape(flat) @ B.reshape(flat).mT
     G = half + half.mT
     return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=G, mean=mean)
-
-
-def tangent_projector(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
-    r"""Projector :math:`\Pi = I - q q^T` onto the plane tangent to the sphere at q."""
-    return np.eye(4) - _outer(q, q)
 
 
 def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:

@@ -192,11 +192,6 @@ class FilterBound(ReadOnly):
         """Root of the mean over the axes of the attitude's variance, rad, (k,)."""
         return np.sqrt(np.linalg.trace(self.covariance[:, :3, :3]) / 3.0)
 
-    @property
-    def bias_sd(self) -> Float[Array, " k"]:
-        """The same of the bias, rad/s, (k,)."""
-        return np.sqrt(np.linalg.trace(self.covariance[:, 3:, 3:]) / 3.0)
-
 
 def filter_bound(path: FilterPath, model: FilterModel, *, keep: Any = 1) -> FilterBound:
     """Bound the error of any filter of these sensors on this path, eq. (F2).

@@ -64,6 +64,7 @@ from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float, Inexact
+from simval.theory.calibration import in_form
 from simval.theory.estimating import Block, Estimating, inverse_of, rank_of
 from simval.vocabulary import Model
 
@@ -129,7 +130,7 @@ def problem_of(
     y = [own.distort(g * up, quiet), clean.distort(field * along, quiet)]
     matrix = body.matrix
     theta = np.empty(PARAMETERS)
-    theta[:9] = forms.from_gram(form, matrix.T @ matrix, body.B)
+    theta[:9] = in_form(form, body)
     # M_m refers to the axes of the accelerometer's form
     turned = forms.matrix(form, theta[:9]) @ np.linalg.inv(matrix)
     theta[9:18] = (turned @ iron.M).ravel()

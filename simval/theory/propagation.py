@@ -31,9 +31,9 @@ from simval.geometry import compose, conjugate
 from simval.imu.sensor import forms
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import inverse_of
-from simval.theory.expansion import mean_linear_error, tangent_projector
+from simval.theory.expansion import mean_linear_error
 from simval.theory.magnetometer import PARAMETERS, Problem, equations_of
-from simval.theory.two_vector import two_vector_geometry
+from simval.theory.two_vector import tangent_projector, two_vector_geometry
 
 PARTS = (
     "accelerometer noise in the tumble",

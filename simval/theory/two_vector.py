@@ -270,6 +270,11 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
     return value
 
 
+def tangent_projector(v: Float[Array, "... n"]) -> Float[Array, "... n n"]:
+    r"""Projector :math:`\Pi = I - v v^T` onto the plane tangent to the sphere at v."""
+    return np.eye(v.shape[-1]) - v[..., :, None] * v[..., None, :]
+
+
 def normalized_noise(
     vectors: Float[Array, "... k 3"], noise: Float[Array, "... k 3 3"]
 ) -> tuple[Float[Array, "... k 3"], Float[Array, "... k 3 3"]]:
@@ -281,7 +286,7 @@ def normalized_noise(
     noise along v is correlated with the noise across) and its covariance
     :math:`\Pi\Sigma\Pi`.
     """
-    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
+    planes = tangent_projector(vectors)
     across = planes @ noise
     shortened = 0.5 * np.linalg.trace(across)[..., None] * vectors
     turned = (across @ vectors[..., None])[..., 0]
@@ -292,8 +297,8 @@ def tangent_covariances(
     vectors: Float[Array, "... 4 3"], std: Any
 ) -> Float[Array, "... 4 3 3"]:
     r"""Covariances of noise in the plane tangent to each unit vector."""
-    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
-    return np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2 * planes
+    variances = np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2
+    return variances * tangent_projector(vectors)
 
 
 # rounding enters a prediction as eps / |qbar|^k, k up to 4
