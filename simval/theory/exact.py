@@ -155,17 +155,23 @@ def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
 def _panel(
     low: float, high: Any, count: int
 ) -> tuple[Float[Array, "... count"], Float[Array, "... count"]]:
-    x, w = _gauss(np.polynomial.legendre.leggauss, count)
+    x, w = _gauss("legendre", count)
     half = 0.5 * (np.asarray(high) - low)[..., None]
     return low + half * (x + 1.0), half * w
 
 
+_GAUSS: Final = {
+    "legendre": np.polynomial.legendre.leggauss,
+    "hermite": np.polynomial.hermite_e.hermegauss,
+}
+
+
 @lru_cache(maxsize=64)
 def _gauss(
-    rule: Callable[[int], Rule], count: int
+    kind: str, count: int
 ) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
     # half of the time of an exact answer, if it is worked out anew for each panel
-    x, w = rule(count)
+    x, w = _GAUSS[kind](count)
     return frozen(x), frozen(w)
 
 
@@ -509,7 +515,7 @@ def _whitened_rules(
 
 
 def _hermite_rule(d2: Array, variances: Array, axes: Array, count: int) -> Rule:
-    x, w = _gauss(np.polynomial.hermite_e.hermegauss, count)
+    x, w = _gauss("hermite", count)
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
     weights = (w[:, None, None] * w[:, None] * w).ravel() / w.sum() ** 3
     kept = weights > 1e-22
