@@ -244,6 +244,8 @@ def _spikes(rows: TermRows, filled: Array) -> Flags:
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
     size = np.sqrt(np.mean(rows.ideal**2) + np.mean(rows.reading**2))
     off = np.sum(np.abs(rows.errors), axis=0)
+    for draws in rows.rounding:  # which a spline has more of at its ends
+        off = off + np.abs(draws).max(axis=1, keepdims=True)
     far = np.abs(left) > SPIKE * noise + BOUND * off + SPIKE_SHARE * size
     found: Flags = far.any(axis=1)
     return found if found.mean() <= SPIKE_SHARE else np.zeros_like(found)
@@ -378,6 +380,13 @@ def look(
     state = Expansion(delay, 0.0, 0.0, 0.0, np.eye(3), False, sensor.nominal())
     thin = [_thinned(each, len(pieces)) for each in pieces]
 
+    # of the truth's rounding, too: a frame that leaves less is none
+    known = sum(
+        float(np.sum(draws**2)) * 3.0 / draws.shape[1]
+        for p in thin
+        for draws in sensor.rounding(p, p.time, state)
+    )
+
     def model(late: float) -> tuple[Array, Array, Array]:
         made = [
             (*sensor.motion(p.fine, p.time - late * p.step, state), p) for p in thin
@@ -392,7 +401,7 @@ def look(
     def general(late: float) -> tuple[float, float]:
         motion, y, world = model(late)
         f = np.column_stack([motion @ sensor.nominal(), np.ones(len(y))])
-        floor = SILENT**2 * float(np.sum(y**2))
+        floor = SILENT**2 * float(np.sum(y**2)) + known
         return _left(f, y) + floor, _left(f, world) + floor
 
     far = np.concatenate([np.arange(1, 8), np.arange(8, FARTHEST + 1, 4)])
@@ -417,7 +426,7 @@ def look(
     else:
         candidates = {"": default, "body": np.eye(3), "inverse": default.T}
         candidates |= {f"axes {k}": P @ default for k, P in enumerate(_SIGNED)}
-    floor = SILENT**2 * float(np.sum(y**2))
+    floor = SILENT**2 * float(np.sum(y**2)) + known
     squares = {name: _flexible(motion, y @ C) + floor for name, C in candidates.items()}
     least = min(squares, key=squares.__getitem__)
     if least and squares[least] < HALF * squares[""]:
