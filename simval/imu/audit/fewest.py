@@ -85,7 +85,7 @@ class SensorAudit:
     frame : str
         Axes of the readings.
     deviation : Array
-        Noise of a row on each axis, (3,).
+        What the fit leaves of a row on each axis of the sensor, root mean square, (3,).
     spikes : Array
         Times of readings far off, s.
     left : list of (time, rows)
@@ -302,7 +302,7 @@ def _told(
         got, sd, bound = own.of(term.name)
         got = got.copy()
         got[0] += _now(state).get(term.name, 0.0) - instant * (term.name == "delay")
-        allowed = z * sd + bound
+        allowed = np.maximum(z * sd + bound, HELD.get(term.name, 0.0))
         keep = slice(0, 1) if term.name in TIMES else slice(None)
         size = _whole(term.name, sensor, fit)
         if abs(got[0]) < HELD.get(term.name, 0.0):
@@ -340,11 +340,12 @@ def _told(
     spikes = np.concatenate([p.time[p.bad[sensor.name]] for p in pieces])
     total = instant if not delay.wrong else float(state.delay)
     size = float(np.sqrt(np.mean([np.mean(each.ideal**2) for each in rows])))
-    rest = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    every = np.concatenate(left) @ state.mount.T
+    rest = float(np.sqrt(np.mean(every**2)))
     return SensorAudit(
         name=sensor.name, items=items, fitted=fitted, instant=instant, delay=total,
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
-        deviation=regression.deviation, spikes=spikes,
+        deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=spikes,
         left=[(p.time, each) for p, each in zip(pieces, left, strict=True)],
         corrected=corrected, bound=float(max(error)),
         size=size, unexplained=0.0 if explained == "all" else rest / max(size, 1e-300),
