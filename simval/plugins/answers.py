@@ -277,7 +277,7 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
             part[:] = np.maximum(part, LEAST_SCALE * part.max(axis=1, keepdims=True))
         i, j = np.triu_indices(each.shape[-1], 1)
         skew = np.abs(each[:, i, j] - each[:, j, i])
-        sound: Mask = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
+        sound = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
         sound &= finite_rows(each)
         sound &= (variances >= NEGATIVE * std**2).all(1)
         sound &= (variances[:, :definite] > 0.0).all(1)
@@ -289,8 +289,8 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
         size = std[:, :, None] * std[:, None, :]
         safe = np.where(size > 0.0, size, 1.0)
         scaled = np.where(sound[:, None, None], each / safe, np.eye(each.shape[-1]))
-    least: Mask = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
-    first: Mask = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0
+    least = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
+    first = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0
     return sound & least & first
 
 

@@ -50,14 +50,14 @@ def tail(components: str) -> tuple[int, ...]:
 
 def finite_rows(raw: Float[Array, "n ..."]) -> Bool[Mask, " n"]:
     """Mask of finite answers."""
-    finite: Mask = np.isfinite(raw)
+    finite = np.isfinite(raw)
     return np.logical_and.reduce(finite, axis=tuple(range(1, raw.ndim)))
 
 
 def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
     """Mask of answers that are attitudes: finite, and unit quaternions or rotations."""
     with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite
-        sound: Mask = np.logical_and(finite_rows(raw), defects(raw, components) <= UNIT)
+        sound = np.logical_and(finite_rows(raw), defects(raw, components) <= UNIT)
     if components == "matrix":
         finite = np.where(sound[:, None, None], raw, np.eye(3))
         sound = np.logical_and(sound, np.linalg.det(finite) > 0.0)

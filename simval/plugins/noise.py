@@ -19,7 +19,7 @@ or standard deviations of b1, b2, ..., r1, r2, ... as words (``"1 3 0 0"``), or 
 
 import json
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -182,7 +182,7 @@ def _isotropic(words: list[str], text: str) -> Float[Array, "m 3 3"]:
 
 def _matrices(text: str) -> Float[Array, "m 3 3"]:
     try:
-        value: Any = np.array(json.loads(text), dtype=float)
+        value = np.array(json.loads(text), dtype=float)
     except (ValueError, TypeError, RecursionError):
         value = np.zeros(0)
     if value.ndim != 3 or value.shape[1:] != (3, 3):
@@ -191,11 +191,10 @@ def _matrices(text: str) -> Float[Array, "m 3 3"]:
             "one of each vector, body vectors first"
         )
         raise InputError(msg)
-    matrices: Array = value
-    if not np.array_equal(matrices, matrices.mT):
+    if not np.array_equal(value, value.mT):
         msg = f"`noise` is {text:.60}; its covariances must be symmetric"
         raise InputError(msg)
-    return matrices
+    return value
 
 
 def _require_sizes(unit: Float[Array, "m 3 3"], text: str) -> None:

@@ -545,7 +545,7 @@ def _table_rows() -> Iterator[Row]:
     r1, r2 = np.tile(pairs, (len(attitudes), 1, 1)).swapaxes(0, 1)
     vectors = [*np.moveaxis(vectors_of(q, r1, r2), 1, 0)]
     singular = np.abs(column_norms(q, r1, r2)) <= SAME
-    turned: Any = partial(turn_is_singular, tolerance=SAME)
+    turned = partial(turn_is_singular, tolerance=SAME)
     by_table = [partial(turned, axis=k)(*vectors) for k in range(3)]
     wrong = {
         "Table 1": attitude_error(case_quaternion(*vectors), q) > SAME,

@@ -228,7 +228,7 @@ def squares_of(
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
     """Simulate a scene, or read it from the cache, and thin it to the rate of a log."""
-    setting: dict[str, Any] = {"poses": poses, "hold_time": 2.0}
+    setting = {"poses": poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):
         setting["first_hold"] = 5.0
     return thinned(simulate_cached(scene, **setting))

@@ -311,7 +311,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def drawn(self, count: int, rng: np.random.Generator) -> Float[Array, "count m 3"]:
         """Vectors of some trials."""
         normal = rng.standard_normal((count, *self.truth.shape))
-        noise: Array = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
+        noise = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
         return self.truth + noise
 
     def first_block(self) -> Float[Array, "n m 3"]:

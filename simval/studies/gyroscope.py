@@ -350,8 +350,8 @@ def _judged(
     covered = mean_of((np.abs(error) < z * sd).mean(axis=1))
     over = mean_of((error**2 / bound).mean(axis=1))
     # the unweighted way does not reach the bound
-    judge: Any = plain if p == 12 else unjudged
-    shift: Any = plain if n >= ENOUGH else unjudged
+    judge = plain if p == 12 else unjudged
+    shift = plain if n >= ENOUGH else unjudged
     return (
         *nees(
             stat.NEES(), *mean_of(normalised_squares(error, C)),

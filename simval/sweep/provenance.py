@@ -136,7 +136,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _kernels() -> list[str]:
-    config: Any = np.show_config(mode="dicts")
+    config = np.show_config(mode="dicts")
     return list(config["SIMD Extensions"].get("found", []))
 
 

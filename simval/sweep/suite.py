@@ -287,7 +287,7 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
     names = [w for w in words if w.isidentifier() and w not in ("int", "float", "str")]
     path = ".".join(names[:2]) or "the file"
     if error["type"] == "extra_forbidden":
-        known: Sequence[str] = tuple(model.model_fields)
+        known = tuple(model.model_fields)
         if len(words) > 1 and words[0] in STUDIES:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
         near = did_you_mean(words[-1], known)

@@ -351,7 +351,7 @@ def attitude_moments(
         require_apart(*unit[1:])
     if combined:
         columns = np.asarray(np.argmax(np.abs(column_norms(*unit)), axis=-1))
-        names: Any = np.full(batch, frame)
+        names = np.full(batch, frame)
     else:
         columns = chosen_columns(*unit, frame)
         names = np.array(FRAMES)[columns]

@@ -205,7 +205,7 @@ def _density(
     t = k * cosine
     tilted = np.exp(-0.5 * (k * sine) ** 2)
     bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * scipy.special.ndtr(t)
-    density: Array = tilted * bulk + t * np.exp(-0.5 * k * k)
+    density = tilted * bulk + t * np.exp(-0.5 * k * k)
     return density * (2.0 * np.pi) ** -1.5
 
 

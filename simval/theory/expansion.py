@@ -234,8 +234,7 @@ def second_order_length(
     q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
 ) -> Float[Scalars, "..."]:
     """Mean of |q|/|q - x| less 1 where x has no mean, source eq. (51)."""
-    half_trace: Scalars = -0.5 * _trace(normalization_matrix(q) @ P)
-    return half_trace
+    return -0.5 * _trace(normalization_matrix(q) @ P)
 
 
 def second_order_covariance(

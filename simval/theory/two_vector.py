@@ -424,7 +424,7 @@ def chosen_columns(
     """
     norms = np.abs(column_norms(q, r1, r2))
     if frame is None:
-        columns: Columns = np.asarray(np.argmax(norms, axis=-1))
+        columns = np.asarray(np.argmax(norms, axis=-1))
     elif frame in FRAMES:
         columns = np.full(norms.shape[:-1], FRAMES.index(frame))
     else:
