@@ -175,8 +175,8 @@ def slope_of(
     x, y = levels[fitted], gap[fitted]
     squares = (x / x[-1]) ** 2
     fit = np.linalg.pinv(np.stack([np.ones(len(x)), np.log(x), squares], axis=1))
-    value = float(fit[1] @ np.log(y))
-    left = NEXT * bent**2 + AFTER + float(np.abs(fit[1]) @ (ROUNDING / norm / y))
+    value = fit[1] @ np.log(y)
+    left = NEXT * bent**2 + AFTER + np.abs(fit[1]) @ (ROUNDING / norm / y)
     why = (
         f"the next term is {bent:.2g} of the first that is left out; a slope is "
         f"told up to {MOST_BENT:g}"

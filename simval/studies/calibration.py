@@ -287,7 +287,7 @@ def _group_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         weight[part, part] = np.eye(3) / 3.0
         found = root(*mean_square(sums, weight))
         for predictor, matrix in _theories(predicted).items():
-            expected = float(np.sqrt(np.trace(weight @ matrix)))
+            expected = np.sqrt(np.trace(weight @ matrix))
             yield from unjudged(
                 stat.RMS(name, unit=unit), *found, sums.samples, expected, predictor
             )
@@ -312,22 +312,22 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         (stat.RMS("all"), all_nine, stat.CRAMER_RAO),
         (stat.RMS_OVER_BOUND(), over, stat.FIRST_ORDER),
     ):
-        expected = float(np.sqrt(weight @ np.diagonal(_theories(predicted)[by])))
+        expected = np.sqrt(weight @ np.diagonal(_theories(predicted)[by]))
         found = root(*mean_square(sums, np.diag(weight)))
         yield from unjudged(statistic, *found, n, expected, by)
     for name, part, unit in GROUPS:
         each = np.zeros(9)
         each[part] = 1.0 / 3.0
-        expected = float(np.sqrt(each @ predicted.sd**2))
+        expected = np.sqrt(each @ predicted.sd**2)
         left = expected * predicted.variance_remainder / 2.0
         found = root(*along(sums, np.diag(each)))
         yield from unjudged(
             stat.SPREAD(name, unit=unit), *found, n, expected, stat.FIRST_ORDER, left
         )
-        size = float(np.sqrt(each @ predicted.bias**2))
+        size = np.sqrt(each @ predicted.bias**2)
         if size > 0.0:  # else there is nothing to project on
             weight = each * predicted.bias / size
-            left = float(np.abs(weight) @ predicted.bias_remainder)
+            left = np.abs(weight) @ predicted.bias_remainder
             found = along(sums, weight)
             yield from unjudged(
                 stat.BIAS_ALONG(name, unit=unit),

@@ -154,5 +154,5 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def nees_quantile(level: float, dof: int | None) -> float:
     """Value that the NEES exceeds with probability 1 - level."""
     if dof is None:
-        return float(2.0 * scipy.special.gammaincinv(4.5, level))
-    return float(9.0 * scipy.special.fdtri(9, dof, level))
+        return 2.0 * scipy.special.gammaincinv(4.5, level)
+    return 9.0 * scipy.special.fdtri(9, dof, level)

@@ -119,7 +119,7 @@ class Scenario:
         self.sensors: Sensors = (true_sensor(0.0), true_magnetometer())
         self.tumble, self.wanted = thinned(trajectory), wanted
         self.attitude = trajectory.attitude[every]
-        self.dip = float(-np.arcsin(normalize(trajectory.magnetic)[2]))
+        self.dip = -np.arcsin(normalize(trajectory.magnetic)[2])
         field = normalize(trajectory.magnetic_field[every])
         self.log = np.stack(self.felt(self.tumble.force, field))
         self.rests = self.felt(wanted.force, wanted.field)

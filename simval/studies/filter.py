@@ -372,7 +372,7 @@ def measured_rows(
 
 def moved(cause: str, square: float, law: str = "theory") -> str:
     """Why a law does not hold: an estimate is moved too far; empty where it holds."""
-    by = float(np.sqrt(max(square, 0.0)))
+    by = np.sqrt(max(square, 0.0))
     why = f"{cause} may move an estimate by {by:.2g} standard deviations; {law}"
     return f"{why} holds up to {MOST_MOVED:g}" if by > MOST_MOVED else ""
 

@@ -220,7 +220,7 @@ def stated_row(
     model = model_of(told, plugin.magnetometer)
     known = filter_prediction(path, model, told=model, keep=kept).told
     off = max(apart(a, b) for a, b in zip(stated[0], known, strict=True))
-    h, turn = float(way.dt.max()), float(np.linalg.norm(way.rate, axis=1).max())
+    h, turn = way.dt.max(), np.linalg.norm(way.rate, axis=1).max()
     # the filter's turn and bias of a step share K^2 h^2/2, theory's J(-phi) of it
     walked = turn * h / 2.0 * told.gyroscope_walk**2 * h * SECONDS / 2.0
     left = max(_turned_by(own, h) + _shared_by(own, walked, turn * h) for own in known)
@@ -232,14 +232,14 @@ def stated_row(
 def _shared_by(P: Float[Array, "6 6"], walked: float, turn: float) -> float:
     # of a covariance of turn and bias, which is at most the deviations' product
     sd = np.sqrt(np.diagonal(P))
-    return float(min(walked / (sd[:3].min() * sd[3:].min()), turn / 2.0))
+    return min(walked / (sd[:3].min() * sd[3:].min()), turn / 2.0)
 
 
 def _turned_by(P: Float[Array, "6 6"], h: float) -> float:
     # its greatest change by a turn of the axes: what is unsure comes into an axis, and,
     # squared, into the best known direction, before information adds up
     turn, sd = LEFT_OUT * h**2, np.sqrt(np.diagonal(P)[:3])
-    return float(turn * sd.max() / sd.min() + turn**2 * np.linalg.cond(P[:3, :3]))
+    return turn * sd.max() / sd.min() + turn**2 * np.linalg.cond(P[:3, :3])
 
 
 Make = Callable[..., Any]
@@ -267,13 +267,11 @@ def response_rows(make: Make, scenario: str) -> Rows:
     end = np.array([len(way.dt) - 1])
     bound = filter_prediction(path, model, told=model, keep=end).told[0]
     off = [apart(covariance, bound) for covariance in moved_and_stated(make, way)]
-    left = _turned_by(bound, float(way.dt.max()))
+    left = _turned_by(bound, way.dt.max())
     statistics = stat.COVARIANCE_OFF.each(("moved", "stated while the bias walks"))
     rows = exact(statistics, off, 0.0, stat.CRAMER_RAO, left)
     if way.rate.any():
-        order = float(
-            np.log2(lost(make, scenario, RATE / 2.0) / lost(make, scenario, RATE))
-        )
+        order = np.log2(lost(make, scenario, RATE / 2.0) / lost(make, scenario, RATE))
         rows += exact(stat.TURN_ORDER(), order, CONING_ORDER, stat.TRUTH, NEXT)
     return rows
 

@@ -137,12 +137,12 @@ class Tumble:
         self.rests = _rests(run, every)
         force = run.specific_force[::every]
         still = np.concatenate([force[a:b] for a, b in self.rests])
-        self.off = float(np.abs(np.linalg.norm(still, axis=1) - run.g).max())
+        self.off = np.abs(np.linalg.norm(still, axis=1) - run.g).max()
         self.rest_force = run.rest_force
         self.force = np.array([force[a:b].mean(axis=0) for a, b in self.rests])
         seconds = np.diff(self.rests)[:, 0] * every / ROWS
         self.pose_std = FORCE / np.sqrt(100.0 * seconds)
-        self.walk = float(np.radians(parameters.angle_random_walk))
+        self.walk = np.radians(parameters.angle_random_walk)
         self.gyroscope = true_gyroscope()
         self.accelerometer = true_sensor(0.0)
         rng = np.random.default_rng(0)  # draws nothing
@@ -150,7 +150,7 @@ class Tumble:
         self.rates = self.gyroscope.distort(self.body, rng)
         self.steps = average_rates(run) if steps is None else steps  # of 500 Hz
         # of a reading at the greatest rate, rad
-        self.turn = float(np.linalg.norm(self.steps, axis=1).max()) * every / ROWS
+        self.turn = np.linalg.norm(self.steps, axis=1).max() * every / ROWS
         self.poses = self.accelerometer.distort(self.force, rng)
         self.truth = np.concatenate([self.gyroscope.M.ravel(), self.gyroscope.B])
 
@@ -172,7 +172,7 @@ class Tumble:
         found = self.gyroscope_of(
             inter_rest, self.poses, calibrate(self.poses, self.g), "unweighted"
         )
-        return float(np.abs(found.M - self.gyroscope.M).max())
+        return np.abs(found.M - self.gyroscope.M).max()
 
     def readings(
         self, rng: np.random.Generator, count: int
@@ -256,7 +256,7 @@ class Tumble:
         both = np.diagonal(self.bounds()[:9, :9])
         given = self.accelerometer, self.force, self.g, self.pose_std
         alone = np.diagonal(calibration_moments(*given).cramer_rao)
-        return ONE_BY_ONE * float(np.max(1.0 - both / alone))
+        return ONE_BY_ONE * np.max(1.0 - both / alone)
 
     def bounds(self, pieces: int = PIECES) -> Float[Array, "21 21"]:
         """Cramer-Rao bound of both sensors."""
@@ -312,9 +312,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     trials = trials_of(streams, parameters.trials, BLOCK, trial)
     bound = np.diagonal(data.bound())[:free]
     clean = data.clean()
-    off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
+    off = np.abs(clean.M[0] - data.gyroscope.M).max()
     scheme = data.by_scheme(clean)
-    most = float(np.abs(scheme).max())
+    most = np.abs(scheme).max()
     left = ROUNDED + data.turn**2 * most
     return Outcome(
         rows=(
@@ -386,7 +386,7 @@ def _integrators(data: Tumble) -> Iterator[Row]:
     """Error of M without noise, by rate of the rows and what is between them."""
     for rate, every in THINNED.items():
         thinned = data.thinned(every)
-        averages = float(np.abs(thinned.clean().M[0] - data.gyroscope.M).max())
+        averages = np.abs(thinned.clean().M[0] - data.gyroscope.M).max()
         yield from unjudged(
             (stat.RECOVERY("M", AVERAGES, rate), stat.RECOVERY("M", STRAIGHT, rate)),
             (averages, thinned.straight_lines()),

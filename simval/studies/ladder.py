@@ -168,8 +168,8 @@ def _rung_rows(
 ) -> Rows:
     """Mean relative bias of the scales, with its standard error, against theory."""
     unit = (parameters.noise_std / G) ** 2
-    left_out = float((left[3:6] / sensor.K).mean() / unit)
-    expected = float((predicted.bias[3:6] / sensor.K).mean() / unit)
+    left_out = (left[3:6] / sensor.K).mean() / unit
+    expected = (predicted.bias[3:6] / sensor.K).mean() / unit
     samples = pairs.shape[1]
 
     def rung(values: Float[Array, "t 9"]) -> Float[Array, " t"]:
@@ -196,16 +196,16 @@ def _scale_rows(
 ) -> Rows:
     """Bias of the three scales along the predicted one; its entries are judged."""
     n, bias = pairs.shape[1], predicted.bias[3:6]
-    size = float(np.sqrt(np.mean(bias**2)))
+    size = np.sqrt(np.mean(bias**2))
     if not size > 0.0:  # theory has none at this order
         return ()
     weight = bias / size / 3.0
     found = reduced_mean(
         pairs.mean(axis=0)[:, 3:6] @ weight,
         known.second[:, 3:6] @ weight,
-        float(known.mean_second[3:6] @ weight),
+        known.mean_second[3:6] @ weight,
     )
-    rest = float(np.abs(weight) @ left)
+    rest = np.abs(weight) @ left
     return unjudged(
         stat.BIAS_ALONG("K"),
         *stated(found, size, rest, n),

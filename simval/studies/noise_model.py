@@ -138,7 +138,7 @@ class Theory:
         self.grown = grown / self.predicted
         self.bias = self.weights @ self.more / np.sqrt(self.predicted)
         bound = noise_bound(rows, RATE, white=WHITE, flicker=flicker, walk=walk)
-        self.bound = float(bound[0, 0]) * RATE**2  # Whittle's, of N squared
+        self.bound = bound[0, 0] * RATE**2  # Whittle's, of N squared
 
     def errors(self, variances: Float[Array, "s m"], estimate: str) -> Array:
         """Averaged quantities of signals: squared errors over the predicted ones.

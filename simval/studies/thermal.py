@@ -81,7 +81,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     theory = thermal_equations(sensor, directions, tau, TRUE, sigma, g=G)
     predicted = np.sqrt(np.diagonal(theory.bound))
     dof = count - truth.size
-    quantile = float(scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0))
+    quantile = scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0)
     std = np.full(count, sigma)
 
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:

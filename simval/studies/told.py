@@ -124,7 +124,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )  # fmt: skip
     left = second_order(way, sensors, theory)
     rows = predicted_rows(answers, theory, True, left)
-    rows = beyond(rows, moved("the second order", float(left.max())))
+    rows = beyond(rows, moved("the second order", left.max()))
     rows += drawn_rows([{"calibrations": Drawn.of(np.concatenate(errors))}])
     return Outcome(rows=(*rows, *setting_rows(found)))
 
