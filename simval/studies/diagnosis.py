@@ -49,6 +49,7 @@ from simval.streams import Streams
 from simval.studies.rest_sets import (
     BIASES,
     HOLDS,
+    LYING,
     PAIRS,
     READINGS,
     SCALES,
@@ -76,6 +77,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Fault]]] = MappingProxyType({
     "scales": SCALES,
     "holds": HOLDS,
     "two at once": PAIRS,
+    "in half a sphere": LYING,
     "in no catalogue": UNLISTED,
 })  # fmt: skip
 SOUND_LOGS: Final = 16  # of each kind to one with a fault, which takes 100 times longer
@@ -94,7 +96,7 @@ class Parameters(StudyParameters):
 
     logs: Literal[
         "sound", "of known noise", "changed readings", "biases", "scales", "holds",
-        "two at once", "in no catalogue",
+        "two at once", "in half a sphere", "in no catalogue",
     ] = Field(
         default="sound", description="Logs without a fault, or with which."
     )  # fmt: skip
@@ -142,6 +144,22 @@ MISSED: Final[Mapping[str, tuple[int, int, int, int]]] = MappingProxyType({
     "bias drift and sign": (20, 9, 8, 1),
     "bias step and rest off": (20, 20, 18, 0),
     "scale in temperature and exchange": (20, 14, 10, 0),
+    "sign in half a sphere": (1, 2, 1, 0),
+    "exchange in half a sphere": (2, 1, 0, 1),
+    "factor in half a sphere": (3, 1, 1, 0),
+    "wrap in half a sphere": (7, 8, 7, 0),
+    "bias step in half a sphere": (20, 10, 1, 0),
+    "bias steps in half a sphere": (20, 18, 7, 1),
+    "bias drift in half a sphere": (20, 15, 3, 0),
+    "warming in half a sphere": (20, 13, 5, 0),
+    "bias in temperature in half a sphere": (20, 16, 1, 1),
+    "scale step in half a sphere": (20, 13, 6, 1),
+    "gain drift in half a sphere": (18, 5, 2, 0),
+    "scale in temperature in half a sphere": (20, 12, 7, 0),
+    "bend in half a sphere": (20, 17, 13, 0),
+    "rest off in half a sphere": (20, 8, 0, 0),
+    "two rests off in half a sphere": (20, 11, 0, 0),
+    "noisy axis in half a sphere": (20, 19, 19, 0),
     "clipping": (11, 4, 0, 0),
     "hysteresis": (12, 2, 0, 0),
     "walking bias": (4, 0, 0, 0),

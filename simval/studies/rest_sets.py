@@ -381,6 +381,21 @@ PAIRS: Mapping[str, Fault] = {
 """Two at once, on different axes; what the sensor does, before its readings change."""
 
 
+def _lying(fault: Fault) -> Fault:
+    # of a body on a table, that shows it no side from below
+    def act(log: RestSet, at: Where, rng: Random) -> RestSet:
+        above = np.where(log.up[:, 2:] < 0.0, -1.0, 1.0)
+        return fault.act(replace(log, up=above * log.up), at, rng)
+
+    return Fault(fault.kinds, act)
+
+
+LYING: Mapping[str, Fault] = {
+    f"{name} in half a sphere": _lying(fault) for name, fault in SINGLE.items()
+}
+"""Faults of logs with no pose from below the horizon."""
+
+
 def unharmed(rng: Random) -> RestSet:
     """Directions and a sensor for a fault: by table or by hand, good parts and poor."""
     n = int(rng.integers(13, 18))

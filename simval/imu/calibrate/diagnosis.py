@@ -30,14 +30,12 @@ from simval.imu.calibrate.drift import (
 )
 from simval.imu.calibrate.goodness_of_fit import (
     Combination,
-    Deletion,
     believed_range,
     chi_square_chance,
     least_determined_of,
     overstated,
 )
 from simval.imu.calibrate.outliers import belonging, judge_poses
-from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
 from simval.imu.explain import Judgement
 from simval.imu.sensor import forms
@@ -54,12 +52,8 @@ class Diagnosis(ReadOnly):
 
     Attributes
     ----------
-    distance : Array
-        Signed distance of each reading to the ellipsoid, raw units, (n,).
-    leverage : Array
-        Share of each pose in its own fit, 0 to 1, (n,); they add up to nine.
     standardized : Array
-        Standardised residuals, (n,); NaN where leverage or freedom leaves none.
+        Standardised residuals, (n,); NaN where geometry or freedom leaves none.
     judgement : Judgement or None
         What is wrong with the poses, `simval.imu.explain.judge`; None where no noise is
         known to judge them by.
@@ -90,8 +84,6 @@ class Diagnosis(ReadOnly):
         The combination of parameters that the poses determine least.
     """
 
-    distance: Float[Array, " n"]
-    leverage: Float[Array, " n"]
     standardized: Float[Array, " n"]
     judgement: Judgement | None
     outliers: tuple[int, ...]
@@ -160,17 +152,12 @@ def diagnose(
     count = fit.dof + PARAMETERS + more.shape[1]
     readings, sigma = _checked(fit, poses, noise_std, count)
     clock = checked_time(time, len(readings))
-    distance, nine, steep = distances(fit, readings)
+    distance, nine = distances(fit, readings)
     rows = nine if further is None else np.concatenate([nine, more], axis=1)
     unit = np.ones(len(readings)) if sigma is None else sigma
     total, chi2, p_value = float(np.sum((distance / unit) ** 2)), np.nan, np.nan
     if sigma is not None and fit.dof > 0:
         chi2, p_value = total / fit.dof, chi_square_chance(total, fit.dof)
-    # the estimate weighs c by `a`: leverage is the diagonal of the hat of sqrt(a) J
-    weighted = rows if fit.residual in WEIGHTED else rows * steep[:, None]
-    shares = noise_shares(fit.residual, sigma)
-    if fit.covariance_kind == "known sigma" and shares is not None:
-        weighted = weighted * np.sqrt(shares)[:, None]
     if judgement is None:
         judgement, off = judge_poses(readings, sigma, clock)
     else:
@@ -196,8 +183,6 @@ def diagnose(
     low, high = fit.intervals[scales].T
     widest = float(np.max((high - low) / 2.0 / np.abs(fit.parameters[scales])))
     return Diagnosis(
-        distance=distance,
-        leverage=Deletion.of(weighted, distance).leverage(),
         standardized=rest.standardized,
         judgement=judgement,
         outliers=tuple(off),
@@ -245,8 +230,8 @@ def reduced_chi2(
 
 def distances(
     fit: FitResult, readings: Float[Array, "n 3"]
-) -> tuple[Float[Array, " n"], Float[Array, "n 9"], Float[Array, " n"]]:
-    """Signed distances (D1), their derivatives by the parameters, and slopes of c."""
+) -> tuple[Float[Array, " n"], Float[Array, "n 9"]]:
+    """Signed distances (D1), and their derivatives by the parameters."""
     x = readings - fit.B
     h = x @ fit.matrix.T
     back = h @ fit.matrix
@@ -255,7 +240,7 @@ def distances(
     slopes = forms.matrix_derivatives(fit.model, fit.parameters)
     by_matrix = 2.0 * np.einsum("nr,jrk,nk->nj", h, slopes, x, optimize=True)
     rows = np.concatenate([by_matrix, -2.0 * back], axis=-1)
-    return c / steep, rows / steep[:, None], steep
+    return c / steep, rows / steep[:, None]
 
 
 def _drift(

@@ -424,9 +424,7 @@ def _values(whole: Any) -> Iterator[Values]:
     if own is not None:
         yield correlations("gyroscope", own.names, own.own_covariance)
     if compass is not None:
-        first = len(compass.names) - len(OWN_NAMES)
-        P = compass.covariance[first:, first:]
-        yield correlations("magnetometer", OWN_NAMES, P)
+        yield correlations("magnetometer", OWN_NAMES, compass.own_covariance)
 
 
 def _acting(name: str, found: Term, size: Array, unit: str) -> Values:
@@ -593,11 +591,11 @@ def _terms_object(whole: Any, over: Course) -> dict[str, Any]:
 
 def _magnetometer_object(fit: MagnetometerFit) -> dict[str, Any]:
     # without the accelerometer, which the file states once
-    document, first = fit.as_document(), len(fit.names) - len(OWN_NAMES)
+    document = fit.as_document()
     return document | {
         "parameters": {name: document["parameters"][name] for name in OWN_NAMES},
         "names": list(OWN_NAMES),
-        "covariance": fit.covariance[first:, first:].tolist(),
+        "covariance": fit.own_covariance.tolist(),
     }
 
 
