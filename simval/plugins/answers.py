@@ -33,7 +33,7 @@ from simval.plugins.attitudes import (
     tail,
 )
 from simval.plugins.child import answered, where_it_lives
-from simval.plugins.noise import VectorNoise, vector_noise
+from simval.plugins.noise import VectorNoise, Vectors, vector_noise
 from simval.plugins.protocol import (
     ANSWERS,
     BatchCalibrator,
@@ -73,7 +73,7 @@ def ended(name: str, error: BaseException, where: str = "") -> PluginError:
 def answers(
     estimator: Estimator,
     function: Callable[..., Any],
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None,
     *more: Any,
 ) -> list[Any]:
@@ -125,7 +125,7 @@ def stacked(estimator: Estimator, vectors: list[Any]) -> list[Any]:
 
 def handed(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None,
 ) -> dict[str, Array]:
     """Extra arguments that an estimator asked for, by name."""
@@ -151,7 +151,7 @@ def _row(
 
 def quaternions_of(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n 4"]:
     """Estimate attitudes and bring them to the package's convention."""
@@ -175,7 +175,7 @@ def quaternions_of(
 @where_it_lives
 def raw_attitudes(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n ..."]:
     """Answers in the estimator's own convention; rows need not be attitudes."""
@@ -203,7 +203,7 @@ def other_form(found: Shape, required: Shape) -> str:
 
 @where_it_lives
 def covariances_of(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
+    estimator: Estimator, vectors: Vectors, noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
     """Ask an estimator for its covariances."""
     name, one = estimator.name, (3, 3)

@@ -36,6 +36,7 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
+from simval.plugins.noise import Vectors
 from simval.shapes import Bool, Float
 
 UNIT = 1e-6
@@ -230,14 +231,12 @@ class Observed:
         r1: Float[Array, "n 3"],
         r2: Float[Array, "n 3"],
         rng: np.random.Generator,
-    ) -> tuple[Float[Array, "n 4"], list[Float[Array, "n 3"]]]:
+    ) -> tuple[Float[Array, "n 4"], Vectors]:
         more = (rng.standard_normal((len(q), 3)) for _ in range(self.vectors - 2))
         return q, seen(q, r1, r2, *(normalize(r) for r in more))
 
 
-def seen(
-    q: Float[Array, "n 4"], *references: Float[Array, "n 3"]
-) -> list[Float[Array, "n 3"]]:
+def seen(q: Float[Array, "n 4"], *references: Float[Array, "n 3"]) -> Vectors:
     """Vectors b1, b2, ..., r1, r2, ... of true attitudes, without noise."""
     A = attitude_matrix(q)
     return [*(np.einsum("nij,nj->ni", A, r) for r in references), *references]

@@ -43,6 +43,10 @@ READABLE: Final = ("noise_std", "weights", "covariances")
 """What an estimator may be handed."""
 
 
+Vectors = list[Float[Array, "n 3"]]
+"""Of n samples: body vectors, then as many reference vectors."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorNoise:
     """Independent Gaussian noise of k body and k reference vectors."""
@@ -102,9 +106,7 @@ class VectorNoise:
         eye = np.eye(3)
         return all(np.array_equal(self.unit[i], eye) for i in self.noisy)
 
-    def covariances(
-        self, vectors: list[Float[Array, "n 3"]]
-    ) -> Float[Array, "n m 3 3"]:
+    def covariances(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
         """Covariance of each vector, whose true or measured values are given."""
         scaled = self.noise_std**2 * self.unit
         if not self.tangent:
@@ -114,15 +116,13 @@ class VectorNoise:
         planes = np.eye(3) - along[..., :, None] * along[..., None, :]
         return scaled @ planes
 
-    def roots(self, vectors: list[Float[Array, "n 3"]]) -> Float[Array, "n m 3 3"]:
+    def roots(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
         """Symmetric root of each covariance; what times normal numbers is the noise."""
         values, axes = np.linalg.eigh(self.covariances(vectors))
         scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
         return scaled @ axes.mT
 
-    def read(
-        self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
-    ) -> dict[str, Array]:
+    def read(self, reads: tuple[str, ...], vectors: Vectors) -> dict[str, Array]:
         """Noise in the form that an estimator of pairs asked for."""
         known = {"noise_std": self.std, "weights": self.weights}
         if "covariances" in reads:

@@ -36,7 +36,7 @@ from simval.plugins.attitudes import (
     package_quaternion,
     sound_rows,
 )
-from simval.plugins.noise import VectorNoise, vector_noise
+from simval.plugins.noise import VectorNoise, Vectors, vector_noise
 from simval.plugins.protocol import Estimator, alternatives
 from simval.shapes import Bool, Float
 
@@ -93,7 +93,7 @@ class Exact(NamedTuple):
     """Exact cases of an estimator, and the noise stated to it."""
 
     truth: Float[Array, "n 4"]
-    vectors: list[Float[Array, "n 3"]]
+    vectors: Vectors
     noise: VectorNoise | None = None
 
     def rows(self, rows: slice) -> "Exact":
@@ -144,7 +144,7 @@ class Exact(NamedTuple):
         return ~(self.errors(estimator) <= allowed(self.vectors))
 
 
-def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
+def allowed(vectors: Vectors) -> Float[Array, " n"]:
     """Tolerance of an exact case, rad."""
     first, *others = vectors[len(vectors) // 2 :]
     sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
@@ -429,7 +429,7 @@ def _require_rows_alone(
 
 
 def depends_on_noise(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]], *, covariance: bool
+    estimator: Estimator, vectors: Vectors, *, covariance: bool
 ) -> bool:
     """True if its attitudes, or its covariances too, depend on the stated noise.
 

@@ -83,7 +83,14 @@ from simval.studies.noise_kinds import (
 )
 from simval.studies.response import Expanded, beside, curved
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged
-from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, root, trials_of
+from simval.studies.trials import (
+    Block,
+    Trials,
+    drawn_rows,
+    mean_of,
+    root,
+    trials_of,
+)
 from simval.theory.attitude import (
     Order,
     attitude_moments,
@@ -389,7 +396,7 @@ class Setting:
         pairs = [(squares(one + h) + squares(one - h)) / 2.0 for h in steps]
         return np.sum(pairs, axis=0) - 3.0 * middle
 
-    def trial(self, rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(self, rng: np.random.Generator) -> Block:
         """A block of trials: errors of all remedies, and their noise."""
         noise = rng.standard_normal((4, BLOCK, 3))
         drawn = noise * tails(self.parameters.noise, (4, BLOCK, 1), rng)

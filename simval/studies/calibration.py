@@ -41,7 +41,7 @@ from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, STEP, Expanded, apart, beside, response
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, noise_row, root, trials_of
+from simval.studies.trials import Block, drawn_rows, noise_row, root, trials_of
 from simval.theory.calibration import (
     EVEN,
     CalibrationMoments,
@@ -155,7 +155,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     quiet = np.random.default_rng(0)  # draws nothing
     clean, felt = (true_sensor(0.0).distort(f, quiet) for f in (means, forces))
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         readings = sensor.distort(np.broadcast_to(forces, (BLOCK, *forces.shape)), rng)
         raw = np.full(readings.shape[2], 1.0 / readings.shape[2]) @ readings
         fit = calibrate(raw, g=g, covariance=False)

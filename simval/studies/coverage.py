@@ -28,7 +28,7 @@ from simval.streams import Streams
 from simval.studies.calibration import G, response_rows, true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
-    Kept,
+    Block,
     drawn_rows,
     mean_of,
     share_error,
@@ -94,7 +94,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         sensor, directions, G, parameters.noise_std, parameters.residual
     )
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = parameters.noise_std * rng.standard_normal((BLOCK, *clean.shape))
         fit = calibrate(
             clean + noise,

@@ -32,7 +32,7 @@ from simval.plugins import Filter
 from simval.plugins.runs import run_filter
 from simval.results import MAX_REMAINDER, Rows, beyond, exact
 from simval.shapes import Float
-from simval.studies.filter_scenarios import Course, Imperfect, course, drawn
+from simval.studies.filter_scenarios import Course, Imperfect, Simulated, course, drawn
 from simval.studies.response import apart
 from simval.studies.trials import Drawn, drawn_rows
 from simval.theory import (
@@ -59,7 +59,7 @@ def prediction(
 ) -> FilterPrediction:
     """Error of the reference filter at some rows, by source; of fewer sensors too."""
     truth = model_of(sensors.told(way), magnetometer)
-    path = FilterPath(dt=way.dt, attitude=way.attitude)
+    path = way.path
     calibration = CalibrationError(
         of=GYROSCOPE,
         value=(sensors.M - np.eye(3)).ravel(),
@@ -176,7 +176,7 @@ was 0.08, and 0.4 with readings of 1e-6 beside 0.1 (`tests/studies/test_filter.p
 def drawn_filter_rows(
     way: Course,
     sensors: Imperfect,
-    parts: Sequence[tuple[FilterInput, Float[Array, "n T 3"]]],
+    parts: Sequence[Simulated],
 ) -> Rows:
     """The noise of each sensor, in units of what the parameters say."""
     return drawn_rows([_noise(way, sensors, *part) for part in parts])
@@ -216,7 +216,7 @@ def stated_row(
     kept = np.arange(EVERY - 1, len(way.dt), EVERY)
     stated = run_filter(plugin, given, kept, world).covariance
     assert stated is not None  # the reference filter states one
-    path = FilterPath(dt=way.dt, attitude=way.attitude)
+    path = way.path
     model = model_of(told, plugin.magnetometer)
     known = filter_prediction(path, model, told=model, keep=kept).told
     off = max(apart(a, b) for a, b in zip(stated[0], known, strict=True))
@@ -263,7 +263,7 @@ def response_rows(make: Make, scenario: str) -> Rows:
     """Covariance by the response to each noise, and as stated; order of the turns."""
     way = course(scenario, RATE, RESPONSE_SECONDS)
     model = model_of(SENSORS.told(way), True)
-    path = FilterPath(dt=way.dt, attitude=way.attitude)
+    path = way.path
     end = np.array([len(way.dt) - 1])
     bound = filter_prediction(path, model, told=model, keep=end).told[0]
     off = [apart(covariance, bound) for covariance in moved_and_stated(make, way)]

@@ -50,7 +50,7 @@ from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.response import apart
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, trials_of
+from simval.studies.trials import Block, Trials, drawn_rows, mean_of, trials_of
 from simval.theory.calibration import calibration_moments
 from simval.theory.coverage import bias_square, interval_coverage
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
@@ -302,7 +302,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     data = Tumble(parameters)
     free = 9 if parameters.estimator == "unweighted" else 12
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         readings = data.readings(rng, BLOCK)
         fit = data.fitted(*readings)
         error = (fit.parameters - data.truth)[:, :free]

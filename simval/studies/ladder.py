@@ -41,7 +41,7 @@ from simval.studies.calibration import (
 )
 from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, correlation_row, noise_row, trials_of
+from simval.studies.trials import Block, correlation_row, noise_row, trials_of
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
@@ -90,7 +90,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     clean = sensor.distort(G * directions, np.random.default_rng(0))  # draws nothing
     sigma, residual = parameters.noise_std, parameters.residual
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = sigma * rng.standard_normal((BLOCK, *clean.shape))
         both = np.concatenate([clean + noise, clean - noise])
         fit = calibrate(

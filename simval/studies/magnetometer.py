@@ -71,7 +71,7 @@ from simval.studies.response import (
 )
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
-    Kept,
+    Block,
     Trials,
     correlation_row,
     mean_of,
@@ -220,7 +220,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     case = Scenario(parameters.poses, parameters.dip_deg, *noises)
     predicted = case.predicted()
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = rng.standard_normal((2, BLOCK, case.size // 2)).transpose(1, 0, 2)
         noise = noise.reshape(BLOCK, -1)
         readings = case.readings(noise)

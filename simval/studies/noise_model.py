@@ -49,7 +49,7 @@ from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters, ranged
 from simval.studies.trials import (
     KEPT,
-    Kept,
+    Block,
     correlation_row,
     mean_of,
     share_error,
@@ -191,7 +191,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         walk_raw_per_sqrt_s=parameters.walk * WHITE,
     )
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         differences, columns = [], []
         for _ in range(BLOCK // 3):  # an axis is a signal
             rows = model.draw(parameters.rows, RATE, rng)

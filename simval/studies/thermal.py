@@ -28,7 +28,13 @@ from simval.streams import Streams
 from simval.studies.calibration import G, true_sensor
 from simval.studies.coverage import FREEDOM, LEVEL
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, mean_of, share_error, trials_of
+from simval.studies.trials import (
+    Block,
+    drawn_rows,
+    mean_of,
+    share_error,
+    trials_of,
+)
 from simval.theory.calibration import VARIANCE_NEXT
 from simval.theory.coverage import interval_coverage
 from simval.theory.thermal import thermal_equations
@@ -84,7 +90,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     quantile = scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0)
     std = np.full(count, sigma)
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = rng.standard_normal((BLOCK, *clean.shape))
         poses = clean + sigma * noise
         without = calibrate(poses, G, covariance=False).require_converged().parameters

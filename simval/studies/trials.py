@@ -82,8 +82,9 @@ class Trials:
 
 
 Kept = Mapping[str, Array]
-Trial = Callable[[np.random.Generator], tuple[Kept, Kept]]
-"""A block of trials: what is kept of each, and the noise of each sensor."""
+Block = tuple[Kept, Kept]
+"""What is kept of each trial of a block, and the noise of each sensor."""
+Trial = Callable[[np.random.Generator], Block]
 
 
 def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials:
