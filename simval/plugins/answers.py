@@ -305,13 +305,13 @@ def require_covariances(name: str, each: Float[Array, "n p p"]) -> None:
 
 def _covariance_fault(word: str, P: Float[Array, "p p"]) -> str:
     """Say what is wrong of a covariance that is finite and not sound."""
-    apart = float(np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300))
+    apart = np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300)
     if apart > ASYMMETRY:
         return (
             f"`{word}` that is not symmetric, by {apart:.2g} of its greatest entry; "
             "update it symmetrically, or return (P + P.T) / 2"
         )
-    least = float(np.linalg.eigvalsh((P + P.T) / 2.0)[0])
+    least = np.linalg.eigvalsh((P + P.T) / 2.0)[0]
     return (
         f"`{word}` that is not positive definite: its least eigenvalue is {least:.3g}; "
         "a variance is above zero in each direction (Joseph's form keeps it so)"
@@ -432,7 +432,7 @@ def _require_class(
     scaled = "scale" in estimates
     fixed = np.diag(np.diagonal(matrix)) if scaled else np.diag(FIXED[3:6])
     off = np.abs(matrix - fixed)
-    if not float(off.max()) <= ROUNDING * float(np.abs(fixed).max()):
+    if not off.max() <= ROUNDING * np.abs(fixed).max():
         row, column = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
         msg = (
             f"{name} estimates {' and '.join(estimates)}, so its matrix must be "

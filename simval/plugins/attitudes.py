@@ -79,21 +79,21 @@ def fault_of(raw: Float[Array, "n ..."], components: str) -> str:
     row = int(np.argmin(sound_rows(raw, components)))
     if components != "matrix":
         off = np.linalg.norm(raw, axis=1) - 1.0
-        worst = float(off[int(np.argmax(np.abs(off)))])
+        worst = off[int(np.argmax(np.abs(off)))]
         return (
             f"a quaternion whose length is off by {worst:.2g}; every one must have "
             f"length 1 to {UNIT:g}, so normalise them"
         )
     M = raw[row]
-    determinant = float(np.linalg.det(M))
-    scale = float(np.cbrt(abs(determinant)))
-    if scale > 0.0 and float(defects(M[None] / scale, components)[0]) <= UNIT:
+    determinant = np.linalg.det(M)
+    scale = np.cbrt(abs(determinant))
+    if scale > 0.0 and defects(M[None] / scale, components)[0] <= UNIT:
         if abs(scale - 1.0) > UNIT:
             what = f"its columns have the length {scale:.6g} instead of 1"
         else:
             what = f"it is a reflection, its determinant is {determinant:.3g}"
     else:
-        apart = float(defects(raw[row : row + 1], components)[0])
+        apart = defects(raw[row : row + 1], components)[0]
         what = f"its columns are not orthonormal, by {apart:.2g}"
     return (
         f"a matrix that is no rotation in row {row}: {what}; every one must be a "

@@ -61,7 +61,7 @@ class VectorNoise:
 
     def small(self, noise_std: float) -> "VectorNoise":
         """The same shape, no vector noisier than a size that is small enough."""
-        return self.at(noise_std / max(1.0, float(self.relative.max())))
+        return self.at(noise_std / max(1.0, self.relative.max()))
 
     @property
     def relative(self) -> Float[Array, " m"]:
