@@ -33,6 +33,7 @@ from simval.arrays import Array, frozen
 from simval.figures import Figure, Headline, Listing, Quote, entries, of_calibration
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
+from simval.moments import deviations
 from simval.montecarlo import Sums, along, mean_square, moments_of
 from simval.poses import PARAMETERS, observability
 from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
@@ -228,7 +229,7 @@ def _moment_rows(
     measured, n, names = moments_of(sums), sums.samples, predicted.names
     sd, expected = measured.sd, predicted.sd
     variance_error = np.diagonal(measured.covariance_error)
-    share = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    share = (deviations(predicted.cramer_rao) / sd) ** 2
     return [
         *plain(
             stat.BIAS.each(names, UNITS), measured.bias, measured.bias_error, n,
@@ -240,7 +241,7 @@ def _moment_rows(
         ),
         *unjudged(
             stat.EFFICIENCY.each(names), share, share * variance_error / sd**2, n,
-            (np.sqrt(np.diagonal(predicted.cramer_rao)) / expected) ** 2,
+            (deviations(predicted.cramer_rao) / expected) ** 2,
             stat.FIRST_ORDER,
         ),
     ]  # fmt: skip

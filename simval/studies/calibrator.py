@@ -45,7 +45,7 @@ from simval.arrays import Array, Places
 from simval.errors import PluginError
 from simval.imu.sensor import forms
 from simval.imu.sensor.models import ALL, mean_square_left, own_sensor, places_of
-from simval.moments import Moments
+from simval.moments import Moments, deviations
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Calibrator, probe_calibrator
 from simval.plugins.answers import Calibration, calibration_of, calibrations_of
@@ -436,7 +436,7 @@ def parameter_rows(
     spread = stat.SD.each(names, units), sd, variance_error / (2 * sd), n
     if not problem.own:
         return rows + unjudged(*spread)
-    bound = np.sqrt(np.diagonal(problem.bound))
+    bound = deviations(problem.bound)
     efficiency = (bound / sd) ** 2
     error = efficiency * variance_error / sd**2
     return (

@@ -28,6 +28,7 @@ from simval.imu.filters.signals import FilterInput, Told
 from simval.imu.recorded import Alignment
 from simval.imu.recorded.evaluation import resting
 from simval.imu.recorded.settings import Signals, Start
+from simval.moments import deviations
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter
 from simval.results import MAX_REMAINDER, Rows, beyond, exact
@@ -231,7 +232,7 @@ def stated_row(
 
 def _shared_by(P: Float[Array, "6 6"], walked: float, turn: float) -> float:
     # of a covariance of turn and bias, which is at most the deviations' product
-    sd = np.sqrt(np.diagonal(P))
+    sd = deviations(P)
     return min(walked / (sd[:3].min() * sd[3:].min()), turn / 2.0)
 
 

@@ -43,6 +43,7 @@ from simval.imu.calibrate import (
 from simval.imu.calibrate.gyroscope.noise import Weighting
 from simval.imu.calibrate.recording import Bias
 from simval.imu.sensor import GyroscopeModel
+from simval.moments import deviations
 from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
 from simval.shapes import Float
@@ -337,14 +338,14 @@ def _judged(
 ) -> Rows:
     error, C = trials["error"], trials["covariance"]
     n, p = error.shape
-    sd = np.sqrt(np.linalg.diagonal(C))
+    sd = deviations(C)
     z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
     stated = C.mean(axis=0)
     small = SMALL_BIAS * max(1.0, data.parameters.angle_random_walk / USUAL)
-    left = small * np.sqrt(np.diagonal(stated))
+    left = small * deviations(stated)
     left[:9] += np.abs(scheme).ravel()  # what the rotations leave out
     within, may = interval_coverage(
-        LEVEL, np.zeros(p), left / np.sqrt(np.diagonal(stated)), RELATIVE / 2.0
+        LEVEL, np.zeros(p), left / deviations(stated), RELATIVE / 2.0
     )
     _, off = bias_square(np.zeros(p), left, stated)
     covered = mean_of((np.abs(error) < z * sd).mean(axis=1))

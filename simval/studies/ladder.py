@@ -27,6 +27,7 @@ from simval.arrays import Array
 from simval.figures import Figure, Listing, of_calibration, predictor
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
+from simval.moments import deviations
 from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere, observability
 from simval.results import Outcome, Rows, beyond, control, plain, unjudged
@@ -154,7 +155,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _efficiency(sd: Array, sd_error: Array, predicted: CalibrationMoments) -> Reduced:
     """Efficiencies that some standard deviations mean."""
-    efficiency = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    efficiency = (deviations(predicted.cramer_rao) / sd) ** 2
     return efficiency, 2.0 * efficiency * sd_error / sd
 
 

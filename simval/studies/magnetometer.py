@@ -43,6 +43,7 @@ from simval.imu.calibrate import (
     fit,
 )
 from simval.imu.sensor import MagnetometerModel
+from simval.moments import deviations
 from simval.results import (
     Outcome,
     Row,
@@ -346,7 +347,7 @@ def _stated(
     off += SQUARE_NEXT * predicted.bent
     whole, all_may = ellipsoid_coverage(LEVEL, ALL, shift, off, relative)
     # of the linear part: in its deviations, and normalised
-    sd = np.sqrt(np.diagonal(fit.covariance))
+    sd = deviations(fit.covariance)
     ratio = fit.first / sd
     unit = fit.covariance / np.outer(sd, sd)
     square = np.vecdot(ratio, np.linalg.solve(unit, ratio.T).T)

@@ -42,6 +42,7 @@ from simval.imu.noise import (
 )
 from simval.imu.noise.least_squares import RIDGE, AllanProblem, ends, fitted
 from simval.imu.sensor import NoiseModel
+from simval.moments import deviations
 from simval.results import Outcome, Rows, exact, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
@@ -119,7 +120,7 @@ class Theory:
         self.forms = covariance_forms(self.counts, rows)[..., :3, :3]
         self.truth = np.array([WHITE**2 * RATE, flicker**2, walk**2 / RATE])
         C = self.covariance = allan_covariance(self.forms, self.truth)
-        scale = np.sqrt(np.diagonal(C))
+        scale = deviations(C)
         factor = np.linalg.cholesky(
             C / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
         )

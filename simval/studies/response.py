@@ -49,6 +49,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, Mask
+from simval.moments import deviations
 from simval.montecarlo import taylor
 from simval.results import Row, Rows
 from simval.shapes import Float
@@ -102,7 +103,7 @@ def response(
 
 def apart(stated: Float[Array, "... p p"], known: Float[Array, "p p"]) -> float:
     """Greatest distance of two covariances, relative to the known deviations."""
-    sd = np.sqrt(np.diagonal(known))
+    sd = deviations(known)
     return np.max(np.abs(stated - known) / np.outer(sd, sd))
 
 

@@ -20,6 +20,7 @@ from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.gauss_newton import minimize
 from simval.imu.calibrate.thermal import law, names_of, thermal_problem
 from simval.imu.sensor import forms
+from simval.moments import deviations
 from simval.montecarlo import moments_of
 from simval.poses import PARAMETERS, fibonacci_sphere
 from simval.results import Outcome, plain, unjudged
@@ -85,7 +86,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     clean = sensor.B + np.outer(tau, TRUE[0]) + force / (1.0 + np.outer(tau, TRUE[1]))
     truth = np.concatenate([sensor.parameters, TRUE.ravel()])
     theory = thermal_equations(sensor, directions, tau, TRUE, sigma, g=G)
-    predicted = np.sqrt(np.diagonal(theory.bound))
+    predicted = deviations(theory.bound)
     dof = count - truth.size
     quantile = scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0)
     std = np.full(count, sigma)
