@@ -417,11 +417,11 @@ def _difference(filter: Filter, before: Run, now: Run) -> tuple[int, str] | None
         same = np.equal(values, other).reshape(len(values), -1).all(axis=1)
         if same.all():
             continue
-        apart = f"{float(np.abs(values - other).max()):.2g}"
+        apart = f"{np.abs(values - other).max():.2g}"
         if word == "attitude":
             own = tail(filter.components)
             q = [own_quaternions(filter, a.reshape(-1, *own)) for a in (values, other)]
-            apart = f"{float(attitude_error(*q).max()):.2g} rad"
+            apart = f"{attitude_error(*q).max():.2g} rad"
         found.append((int(np.argmin(same)), f"`{word}` by up to {apart}"))
     return min(found, default=None)
 

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -141,7 +141,7 @@ def require_encoder(ending: str) -> None:
 
 def encoded(frames: Iterator[Pixels], ending: str) -> bytes:
     """Encode the first frame as ``.png``, or all as ``.gif`` or ``.mp4``."""
-    encoders: dict[str, Callable[[Iterator[Pixels]], bytes]] = {
+    encoders = {
         ".png": _png,
         ".gif": _gif,
         ".mp4": _mp4,

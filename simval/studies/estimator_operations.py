@@ -36,7 +36,7 @@ from simval.plugins.attitudes import (
     tail,
 )
 from simval.plugins.child import where_it_lives
-from simval.plugins.noise import VectorNoise
+from simval.plugins.noise import VectorNoise, Vectors
 from simval.plugins.probe import TOLERANCE, Exact, allowed
 from simval.results import Rows, limit, unjudged
 from simval.shapes import Float, Int
@@ -167,7 +167,7 @@ def rounding_rows(plugin: Estimator, vectors: int, noise: VectorNoise) -> Rows:
 
 @where_it_lives
 def _counted(
-    plugin: Estimator, vectors: list[Float[Array, "n 3"]]
+    plugin: Estimator, vectors: Vectors
 ) -> tuple[Float[Array, "n ..."], Int[Places, "n 4"]]:
     """Answers of `arithmetic`, one row at a time, and the operations of each."""
     assert plugin.arithmetic is not None

@@ -47,6 +47,7 @@ from simval.geometry import (
     from_rotation_vector,
     rotation_vector,
 )
+from simval.moments import deviations
 from simval.shapes import Float
 from simval.theory.filter_model import (
     GYROSCOPE,
@@ -314,7 +315,7 @@ class FilterPrediction(ReadOnly):
             (k,).
         """
         P = self.told
-        b = np.sqrt(np.linalg.diagonal(P[:, 3:, 3:]))
+        b = deviations(P[:, 3:, 3:])
         cross = P[:, :3, 3:] / b[:, None]
         C = P[:, 3:, 3:] / (b[:, :, None] * b[:, None])
         inside = P[:, :3, :3] - cross @ np.linalg.solve(C, cross.mT)

@@ -54,6 +54,7 @@ from simval.imu.sensor import (
     MagnetometerModel,
     forms,
 )
+from simval.moments import deviations
 from simval.poses import one_set
 from simval.shapes import Float, Inexact
 from simval.theory.calibration import in_form
@@ -113,7 +114,7 @@ class GyroscopeMoments(ReadOnly):
     @property
     def sd(self) -> Float[Array, "21"]:
         """Bound on each standard deviation, (21,)."""
-        return np.sqrt(np.diagonal(self.cramer_rao))
+        return deviations(self.cramer_rao)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
