@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array, shaped_array
+from simval.arrays import Array, Mask, finite_array, shaped_array
 from simval.errors import CrashedPluginError, InputError, PluginError, RefusedError
 from simval.imu.sensor import forms
 from simval.imu.sensor.models import FIXED, places_of
@@ -44,7 +44,6 @@ from simval.plugins.protocol import (
 from simval.shapes import Bool, Float
 from simval.text import raised, words_of
 
-Mask = NDArray[np.bool_]
 Shape = tuple[int, ...]
 
 
@@ -271,7 +270,7 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
     no variance in some other direction.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        variances = np.diagonal(each, axis1=1, axis2=2)
+        variances = np.linalg.diagonal(each)
         std = np.sqrt(np.maximum(variances, 0.0))
         for k in range(definite, std.shape[1], 3):
             part = std[:, k : k + 3]

@@ -28,9 +28,8 @@ from types import MappingProxyType
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.geometry import (
     FRAME_AXES,
     attitude_matrix,
@@ -42,8 +41,6 @@ from simval.shapes import Bool, Float
 UNIT = 1e-6
 """How far from 1 the length of a quaternion, and a column of a matrix, may be, and how
 far from right the angle of two columns, rad."""
-
-Mask = NDArray[np.bool_]
 
 
 def tail(components: str) -> tuple[int, ...]:
@@ -70,12 +67,10 @@ def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
 def defects(raw: Float[Array, "n ..."], components: str) -> Float[Array, " n"]:
     """Deviation of answers from unit length, or from orthonormal columns."""
     if components != "matrix":
-        lengths: Array = np.abs(np.linalg.norm(raw, axis=1) - 1.0)
-        return lengths
+        return np.abs(np.linalg.norm(raw, axis=1) - 1.0)
     # a column that is too long by x has a square that is too great by 2x
-    gram = (raw.swapaxes(1, 2) @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
-    worst: Array = np.abs(gram).max(axis=(1, 2))
-    return worst
+    gram = (raw.mT @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
+    return np.abs(gram).max(axis=(1, 2))
 
 
 def fault_of(raw: Float[Array, "n ..."], components: str) -> str:
@@ -120,14 +115,13 @@ def package_quaternion(
 
 def _quaternion_of(M: Float[Array, "n 3 3"]) -> Float[Array, "n 4"]:
     # scalar last, Hamilton's product: R(q) v = q v q*
-    trace = np.trace(M, axis1=1, axis2=2)
+    trace = np.linalg.trace(M)
     N = np.empty((len(M), 4, 4))
-    N[:, :3, :3] = M + M.swapaxes(1, 2) - trace[:, None, None] * np.eye(3)
+    N[:, :3, :3] = M + M.mT - trace[:, None, None] * np.eye(3)
     turn = [M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]]
     N[:, :3, 3] = N[:, 3, :3] = np.stack(turn, axis=1)
     N[:, 3, 3] = trace
-    vectors: Array = np.linalg.eigh(N)[1][:, :, -1]
-    return vectors
+    return np.linalg.eigh(N)[1][:, :, -1]
 
 
 Vertical = Literal["up", "down"]

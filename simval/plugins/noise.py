@@ -62,8 +62,7 @@ class VectorNoise:
     @property
     def relative(self) -> Float[Array, " m"]:
         """Root mean square per axis for a size of 1; of tangent noise across it."""
-        deviations: Array = np.sqrt(np.trace(self.unit, axis1=1, axis2=2) / 3.0)
-        return deviations
+        return np.sqrt(np.linalg.trace(self.unit) / 3.0)
 
     @property
     def std(self) -> Float[Array, " m"]:
@@ -78,8 +77,7 @@ class VectorNoise:
     @property
     def weights(self) -> Float[Array, " k"]:
         """Inverse of the summed variances of each pair."""
-        weights: Array = 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
-        return weights
+        return 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
 
     @property
     def isotropic(self) -> bool:
@@ -114,15 +112,13 @@ class VectorNoise:
         v = np.stack(vectors, axis=1)
         along = v / np.linalg.norm(v, axis=2, keepdims=True)
         planes = np.eye(3) - along[..., :, None] * along[..., None, :]
-        result: Array = scaled @ planes
-        return result
+        return scaled @ planes
 
     def roots(self, vectors: list[Float[Array, "n 3"]]) -> Float[Array, "n m 3 3"]:
         """Symmetric root of each covariance; what times normal numbers is the noise."""
         values, axes = np.linalg.eigh(self.covariances(vectors))
         scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-        roots: Array = scaled @ axes.swapaxes(-1, -2)
-        return roots
+        return scaled @ axes.mT
 
     def read(
         self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
@@ -160,8 +156,8 @@ def _named(name: str, k: int) -> VectorNoise:
         rng = np.random.default_rng(20_270)
         axes = np.linalg.qr(rng.standard_normal((k, 3, 3)))[0]
         variances = 10.0 ** rng.uniform(-2.0, 0.0, (k, 3))
-        skew = axes @ (variances[:, :, None] * axes.swapaxes(1, 2))
-        unit[:k] = (skew + skew.swapaxes(1, 2)) / 2.0
+        skew = axes @ (variances[:, :, None] * axes.mT)
+        unit[:k] = (skew + skew.mT) / 2.0
     return VectorNoise(unit=unit, tangent=name == "tangent")
 
 
@@ -181,8 +177,7 @@ def _isotropic(words: list[str], text: str) -> Float[Array, "m 3 3"]:
         msg = f"`noise` is {text:.60}; standard deviations must be 0 or more"
         raise InputError(msg)
     capped = np.minimum(numbers, 1e100)  # whose squares are numbers, and refused
-    unit: Array = capped[:, None, None] ** 2 * np.eye(3)
-    return unit
+    return capped[:, None, None] ** 2 * np.eye(3)
 
 
 def _matrices(text: str) -> Float[Array, "m 3 3"]:
@@ -197,7 +192,7 @@ def _matrices(text: str) -> Float[Array, "m 3 3"]:
         )
         raise InputError(msg)
     matrices: Array = value
-    if not np.array_equal(matrices, matrices.swapaxes(1, 2)):
+    if not np.array_equal(matrices, matrices.mT):
         msg = f"`noise` is {text:.60}; its covariances must be symmetric"
         raise InputError(msg)
     return matrices

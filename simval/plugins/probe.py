@@ -20,9 +20,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.consistency import rotation_error
 from simval.errors import CrashedPluginError, PluginError, SlowPluginError
 from simval.geometry import FRAMES, attitude_error, rotation_vector
@@ -54,8 +53,7 @@ DIGITS = 8
 def moved(given: Float[Array, "..."]) -> Float[Array, "..."]:
     """The same, moved by what only coarse numbers do not show."""
     rng = np.random.default_rng(20_274)
-    changed: Array = given + MOVED * rng.standard_normal(given.shape)
-    return changed
+    return given + MOVED * rng.standard_normal(given.shape)
 
 
 def imprecision(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) -> str:
@@ -89,8 +87,6 @@ much more."""
 
 BATCH_NOISE = 0.01
 """Of the vectors on which rows of a large batch are compared with themselves alone."""
-
-Mask = NDArray[np.bool_]
 
 
 class Exact(NamedTuple):
@@ -145,16 +141,14 @@ class Exact(NamedTuple):
 
     def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
         """Mask of answers that are not an estimate of the truth."""
-        wrong: Mask = ~(self.errors(estimator) <= allowed(self.vectors))
-        return wrong
+        return ~(self.errors(estimator) <= allowed(self.vectors))
 
 
 def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
     """Tolerance of an exact case, rad."""
     first, *others = vectors[len(vectors) // 2 :]
     sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
-    tolerance: Array = TOLERANCE / np.max(sines, axis=0)
-    return tolerance
+    return TOLERANCE / np.max(sines, axis=0)
 
 
 def failure_shares(
@@ -202,7 +196,7 @@ def probe_covariance(estimator: Estimator, exact: Exact, noise: VectorNoise) -> 
         seen = small.noise_std**2 * np.einsum("dni,dnj->nij", J, J)
         apart = np.linalg.norm(claimed - seen, axis=(-2, -1))
         off[side] = float(np.max(apart / np.linalg.norm(seen, axis=(-2, -1))))
-        traces = (np.trace(each, axis1=-2, axis2=-1) for each in (claimed, seen))
+        traces = (np.linalg.trace(each) for each in (claimed, seen))
         factor[side] = float(np.median(np.divide(*traces)))
     side, other = estimator.side, "reference" if estimator.side == "body" else "body"
     most = SPREAD_TOLERANCE + SPREAD_NOISE

@@ -1,11 +1,11 @@
 r"""Algorithms in any language: programs that receive data and answer with text.
 
 What a program is given and prints, placeholder by placeholder, is on the page of
-plug-ins (docs/plugins.md). A command is read where it is given, so that a misspelt one
-is refused before anything is computed; no shell is involved. A calibrator or an
-estimator gets all of its trials before it starts, may print its answers when it likes
-and in any order, and prints into files: so neither a buffer that is not flushed nor a
-pipe that fills can block, and an answer that is missing, given twice or put in
+programs (docs/plugins/command.md). A command is read where it is given, so that a
+misspelt one is refused before anything is computed; no shell is involved. A calibrator
+or an estimator gets all of its trials before it starts, may print its answers when it
+likes and in any order, and prints into files: so neither a buffer that is not flushed
+nor a pipe that fills can block, and an answer that is missing, given twice or put in
 another's place is seen. Filters are in `filter_programs`.
 
 A study's poses are means whose noise is known, and a log must be what a sensor would
@@ -347,7 +347,7 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
     Parameters
     ----------
     words : str
-        The program and its words, with the placeholders of docs/plugins.md.
+        The program and its words, with the placeholders of docs/plugins/command.md.
     **declared
         Other declarations of `Calibrator`, as its ``form``.
 

@@ -24,9 +24,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import InputError
 from simval.scene.captions import Caption, Directions, captioned, pillow
 from simval.scene.draw import PLACES, Frame, Pixels
@@ -337,7 +336,7 @@ def _captions(
     rows: Float[Array, "n 14"],
     script: Script,
     g: float,
-    drawn: NDArray[np.intp],
+    drawn: Places,
 ) -> Iterator[Caption]:
     begin, rests = _rests(rows, script, g)
     for k in drawn.tolist():
@@ -352,7 +351,7 @@ def _captions(
 
 def _rests(
     rows: Float[Array, "n 14"], script: Script, g: float
-) -> tuple[NDArray[np.intp], Float[Array, "m 3"]]:
+) -> tuple[Places, Float[Array, "m 3"]]:
     """First row of each rest that has settled, and its direction in sensor axes."""
     moving, _, _ = moving_rows(rows, script, g)
     left = set(script.hold[moving].tolist())

@@ -142,7 +142,7 @@ def noise_shapes(
         return tangent_covariances(true_vectors(*truth)[1], 1.0)
     streams = (np.random.default_rng([int(k), 1]) for k in np.ravel(numbers))
     factor = np.stack([rng.standard_normal((4, 3, 3)) for rng in streams])
-    full = factor @ factor.swapaxes(-1, -2)
+    full = factor @ factor.mT
     size = np.linalg.eigvalsh(full)[..., -1:, None]
     full /= size if each else size.max(axis=1, keepdims=True)
     return full.reshape(*np.shape(numbers), 4, 3, 3)

@@ -55,7 +55,7 @@ from pydantic import Field, model_validator
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.figures import Figure, Headline, Listing, Quote, entry
+from simval.figures import Figure, Headline, Listing, Quote, entry, family_words
 from simval.geometry import (
     attitude_error,
     compose,
@@ -261,7 +261,7 @@ class Setting:
         noise = x.reshape(-1, 4, 3).swapaxes(0, 1) @ self.roots
         vectors = self.truth[:, None] + self.sigma * noise
         found = {name: self.chords(name, *vectors) for name in names}
-        block = vectors.swapaxes(1, 2).reshape(12, -1)
+        block = vectors.mT.reshape(12, -1)
         for name, geometry in self.lengths.items():
             frame = self.best if name == "best" else name
             raw = raw_quaternion(block, frame).T
@@ -468,9 +468,8 @@ def _normalisation_rows(
     found = {k: attitude_moments(*given, k, setting.best) for k in orders}
     left = expansion_remainders(found)[2].bias
     turns = trials["turn"]
-    mean, error = turns.mean(axis=0), turns.std(axis=0, ddof=1) / np.sqrt(len(turns))
     own = plain(
-        stat.BIAS.each("xyzs"), mean, error, len(turns),
+        stat.BIAS.each("xyzs"), *mean_of(turns),
         multiplicative_moments(found[2]).bias, stat.ORDER_2, 2.0 * more * left,
     )  # fmt: skip
     yield from own
@@ -505,7 +504,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
     q, r1, r2 = (np.stack(each) for each in zip(*truths, strict=True))
     vectors = vectors_of(q, r1, r2)
     noise = noise_covariances(parameters.noise, vectors)
-    bound = np.trace(attitude_bound(q, r1, r2, noise).rotation, 0, 1, 2)
+    bound = np.linalg.trace(attitude_bound(q, r1, r2, noise).rotation)
     noise = seen_noise(parameters, vectors, noise)
     norms = np.abs(column_norms(q, r1, r2))
     least = 0.5 * np.linalg.norm(norms, axis=1, keepdims=True)
@@ -523,7 +522,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
         each = zip(q, r1, r2, noise, strict=True)
         squares["Table 1"] = np.stack([direct_covariance(*one) for one in each])
     for name, C in squares.items():
-        ratios = np.sqrt(np.trace(C, axis1=1, axis2=2) / bound)
+        ratios = np.sqrt(np.linalg.trace(C) / bound)
         values = np.quantile(ratios, [0.0, 0.5, 1.0])
         statistics = [stat.RMS_RATIO(name, k) for k in ("least", "median", "most")]
         yield from unjudged(
@@ -611,7 +610,7 @@ FIGURES = (
         caption="Error of each remedy, over the bound, and its square over theory's",
         rows=[stat.RMS, stat.RMS_OVER_BOUND, stat.SQUARED_ERROR],
         keys={"remedy": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
     Listing(
         name="singular-costs",
@@ -631,7 +630,7 @@ FIGURES = (
         ),
         rows=[stat.STEP, stat.LENGTH_OFF, stat.FAILURES],
         keys={"of": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
         predicted=True,
     ),
 )

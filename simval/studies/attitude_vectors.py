@@ -53,7 +53,7 @@ from simval.arrays import Array
 from simval.change import PAIRED_SHARE
 from simval.consistency import normalised_squares, rotation_error
 from simval.errors import RefusedError
-from simval.figures import Figure, Listing, entry, predictor
+from simval.figures import Figure, Listing, entry, family_words, predictor
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.imu.attitude import (
     consistency,
@@ -61,7 +61,7 @@ from simval.imu.attitude import (
     wahba_covariance,
     wahba_quaternion,
 )
-from simval.results import Outcome, Row, beyond, exact, nees, plain, unjudged
+from simval.results import Outcome, Row, Rows, beyond, exact, nees, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.noise_kinds import (
@@ -80,7 +80,13 @@ from simval.studies.response import (
     response,
 )
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged, refusing
-from simval.studies.trials import correlation_row, noise_row, root, share_error
+from simval.studies.trials import (
+    correlation_row,
+    mean_of,
+    noise_row,
+    root,
+    share_error,
+)
 from simval.theory import (
     attitude_moments,
     cubature_moments,
@@ -335,7 +341,7 @@ class Setting:
         n = self.n
         unseen = np.zeros((n, 3, n + 3))
         unseen[np.arange(n), :, np.arange(n)] = self.body
-        unseen[:, :, n:] = np.cross(self.body[:, None], np.eye(3)).transpose(0, 2, 1)
+        unseen[:, :, n:] = np.cross(self.body[:, None], np.eye(3)).mT
         unseen[:, :, n:] /= self.std[:, None, None]
         basis = np.linalg.qr(unseen.reshape(3 * n, -1))[0]
 
@@ -436,13 +442,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _estimator_rows(
     setting: Setting, values: Array, x: Float[Array, "t n 3"], off: Array
-) -> tuple[Row, ...]:
+) -> Rows:
     """Squared error and normalised square of each estimator, and RMS over the bound.
 
     Then the judged ones of them with the linear turns as control variates.
     """
-    n, count = len(values), len(setting.predicted)
-    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(n)
+    (mean, error, n), count = mean_of(values), len(setting.predicted)
     known = linearized(setting.errors, x.reshape(n, -1))
     squares: list[Row] = []
     own: list[Row] = []
@@ -486,7 +491,7 @@ def _test_rows(
     x: Float[Array, "t n 3"],
     losses: Float[Array, " t"],
     off: Float[Array, " m"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Share of samples whose loss is above the threshold, also with control variates.
 
     The last two of `off` are what the first order leaves out of the loss and its
@@ -517,14 +522,14 @@ def _test_rows(
     return (*rows, *beside(rows, [sharper]))
 
 
-def _stated_rows(setting: Setting) -> tuple[Row, ...]:
+def _stated_rows(setting: Setting) -> Rows:
     """Covariances that the least squares state, against their answers' response."""
     moved = response(
         lambda y: setting.turns(y.reshape(len(y), -1, 3)), setting.body.ravel(),
         STATED_STEP * setting.sine,
     )  # fmt: skip
     covariance = moved.covariance(np.repeat(setting.std, 3))
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for k, (name, weights) in enumerate(setting.weights.items()):
         own = slice(3 * k, 3 * k + 3)
         left = max(MET, ROUNDED * unequal(weights) / (STATED_STEP * setting.sine))
@@ -581,10 +586,6 @@ def _order_rows(setting: Setting) -> Iterator[Row]:
         yield from beyond(rows, out if beyond_first > MOST_NEXT else "")
 
 
-def _family(row: Row) -> str:
-    return row.statistic.family.words
-
-
 FIGURES = (
     Figure(
         name="vectors",
@@ -609,7 +610,7 @@ FIGURES = (
         caption="Error of each estimator in each setting, and its covariance",
         rows=[stat.RMS_OVER_BOUND, stat.SQUARED_ERROR, stat.NEES],
         keys={"estimator": entry(0)},
-        column=_family,
+        column=family_words,
         predicted=True,
     ),
     Listing(

@@ -35,7 +35,7 @@ from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
 from simval.montecarlo import Sums, along, mean_square, moments_of
 from simval.poses import PARAMETERS, observability
-from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
 from simval.shapes import Float
 from simval.streams import Streams
@@ -60,7 +60,7 @@ RECOVERED = 1e-9
 ROUNDED = 64 * np.finfo(float).eps
 """Of g and 1, times the condition of the poses: thirty times what the worst of those
 500 was off by. Control variates see that."""
-G = 9.80665  # m/s^2, natural size of a bias
+G = 9.80665  # m/s^2, standard gravity, and the natural size of a bias
 UNITS = ("1",) * 6 + ("m/s²",) * 3
 MOST_POSES = 40
 """Poses: more tell nothing new of a formula."""
@@ -205,7 +205,7 @@ def expanded(
     )
 
 
-def _recovery(sensor: AccelerometerModel, rests: Rests) -> tuple[Row, ...]:
+def _recovery(sensor: AccelerometerModel, rests: Rests) -> Rows:
     """Relative error of T, K and B from one noise-free tumble.
 
     A rest that is not quite at rest passes its relative error on to the parameters,
@@ -248,7 +248,7 @@ def _moment_rows(
 
 def _nees_row(
     sums: Sums, predicted: CalibrationMoments, left: Float[Array, "9"]
-) -> tuple[Row, ...]:
+) -> Rows:
     weight = np.linalg.inv(predicted.covariance)
     shift, off = bias_square(predicted.bias, left, predicted.covariance)
     expected = 9.0 + shift
@@ -264,12 +264,12 @@ def rounding_of(sensor: AccelerometerModel, condition: float) -> Float[Array, "9
 
 
 def _control_rows(
-    rows: tuple[Row, ...],
+    rows: Rows,
     error: Float[Array, "t 9"],
     known: Expanded,
     predicted: CalibrationMoments,
     rounding: Float[Array, "9"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """The judged ones of these rows, of what noise adds, with control variates."""
     weight = np.linalg.inv(predicted.covariance)
     relative = 18.0 * np.max(rounding / predicted.sd)  # of nine squares
@@ -344,7 +344,7 @@ def response_rows(
     forces: Float[Array, "n 3"],
     g: float,
     residual: Any = "squared",
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of theory against the estimate, and of stated error bars against theory.
 
     None for poses or scales so uneven that differences are no match for them.

@@ -25,7 +25,7 @@ from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.streams import Streams
-from simval.studies.calibration import response_rows, true_sensor
+from simval.studies.calibration import G, response_rows, true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
     Kept,
@@ -42,7 +42,6 @@ TITLE = "Coverage: do the reported error bars of a calibration hold?"
 SECTION = "statistics"
 
 BLOCK = 512  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 LEVEL = 0.95  # as of the intervals that a calibration states
 FREEDOM = 0.003
 """Relative, of a Type A variance; measured for scales within 5 %, like those here."""

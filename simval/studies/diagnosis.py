@@ -38,12 +38,12 @@ import scipy
 from pydantic import Field
 
 from simval import statistics as stat
-from simval.figures import Figure, Listing, along_entry, entry
+from simval.figures import Figure, Listing, along_entry, entry, family_words
 from simval.geometry import normalize
 from simval.imu.explain import Judgement, RestMeans, judge
 from simval.imu.explain.explanation import Kind
 from simval.imu.explain.judgement import REFUSED
-from simval.results import Outcome, Row, limit, plain, unjudged
+from simval.results import Outcome, Row, Rows, limit, plain, unjudged
 from simval.statistics import Family, Statistic
 from simval.streams import Streams
 from simval.studies.rest_sets import (
@@ -197,16 +197,14 @@ def as_counted(k: int, of: int, n: int) -> int:
     return int(np.sum(beyond > SELDOM))
 
 
-def _held(
-    what: Statistic, hits: Sequence[bool], most: Most, predictor: str
-) -> tuple[Row, ...]:
+def _held(what: Statistic, hits: Sequence[bool], most: Most, predictor: str) -> Rows:
     n, share = len(hits), float(np.mean(hits))
     if most(n) < n:
         return limit(what, share, most(n) / n, predictor, n)
     return unjudged(what, share, share_error(share, n), n)
 
 
-def _again(what: Statistic, hits: Sequence[bool], k: int, of: int) -> tuple[Row, ...]:
+def _again(what: Statistic, hits: Sequence[bool], k: int, of: int) -> Rows:
     return _held(what, hits, partial(as_counted, k, of), stat.COUNTED)
 
 
@@ -232,7 +230,7 @@ def _sound_rows(trials: int, streams: Streams) -> Iterator[Row]:
     yield from _held(stat.ODDS_ABOVE(f"{ODDS:g}"), odds, bound, stat.MARKOV)
 
 
-def _known_rows(n: int, rng: Random) -> tuple[Row, ...]:
+def _known_rows(n: int, rng: Random) -> Rows:
     mean = float(np.mean([judge(_of_known_noise(rng)).chance for _ in range(n)]))
     error = (12.0 * n) ** -0.5  # of the uniform law
     return plain(stat.MEAN_CHANCE(), mean, error, n, 0.5, stat.EXACT)
@@ -351,13 +349,13 @@ FIGURES = (
         caption="How each fault stands, by its size",
         rows=[*STANDINGS.values(), stat.MISSED_AT],
         keys={"fault": entry(0), "times the noise": entry(1)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
     Listing(
         name="diagnosis-sound",
         caption="Sound logs that are accused, and that are asked about",
         rows=[stat.ACCUSED, stat.ASKED],
         keys={"logs": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
 )

@@ -219,10 +219,7 @@ class Scenario:
         along = values[..., 9:18].reshape(*values.shape[:-1], 3, 3)
         pairs = (force, values[..., 6:9], up), (field, values[..., 18:21], along)
         return np.stack(
-            [
-                normalize((raw - bias[..., None, :]) @ M.swapaxes(-1, -2))
-                for raw, bias, M in pairs
-            ],
+            [normalize((raw - bias[..., None, :]) @ M.mT) for raw, bias, M in pairs],
             axis=1,
         )
 
@@ -232,7 +229,7 @@ class Scenario:
         """Attitudes."""
         b1, b2 = directions[:, 0], directions[:, 1]
         r1, r2 = (np.broadcast_to(r, b1.shape) for r in (UP, self.wanted.field_world))
-        return np.asarray(two_vector_quaternion(b1, b2, r1, r2, "best"))
+        return two_vector_quaternion(b1, b2, r1, r2, "best")
 
 
 class Readings(NamedTuple):
@@ -290,7 +287,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rotation = 2.0 * step[..., :3] * np.sign(step[..., 3:])
     measured = np.mean(attitude_error(estimates, wanted.q) ** 2, axis=2).T
     # below zero only by rounding, of what is nothing beside the rest
-    predicted = np.maximum(np.trace(parts, axis1=-2, axis2=-1).mean(axis=1).T, 0.0)
+    predicted = np.maximum(np.linalg.trace(parts).mean(axis=1).T, 0.0)
     square = mean_of(np.mean(normalised_squares(rotation, parts[:, :, -1]), axis=1))
     g, whole = scenario.tumble.g, np.maximum(stds.max(axis=1), mean_std)
     remainder = NEXT_ORDER * max(whole[0] / g, whole[1]) ** 2

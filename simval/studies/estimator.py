@@ -75,7 +75,7 @@ from simval.plugins.probe import (
     depends_on_noise,
     failure_shares,
 )
-from simval.results import Row, limit, unjudged
+from simval.results import Rows, limit, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import random_geometry
@@ -216,7 +216,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             most[:, 3] = SQUARE_APART * (1.0 + first[:, 3])
         return first, lambda k: self.errors(vectors[k], self.noise_std), most
 
-    def rows(self, probed: float, answers: Trials) -> tuple[Row, ...]:
+    def rows(self, probed: float, answers: Trials) -> Rows:
         """All rows of an estimator's cell."""
         plugin, noise, sums = self.plugin, self.noise_std, answers[0]
         measured, rounding = moments_of(sums), probed / self.sine
@@ -297,8 +297,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     def covariances(self, noise_std: float) -> Float[Array, "m 3 3"]:
         """Covariance of each vector's noise."""
-        scaled: Array = noise_std**2 * self.roots @ self.roots
-        return scaled
+        return noise_std**2 * self.roots @ self.roots
 
     def bound(self, noise_std: float) -> Float[Array, "3 3"]:
         """Cramer-Rao bound of the rotation error, body side, rad^2.
@@ -494,7 +493,7 @@ class Parameters(AlgorithmParameters):
         return self
 
 
-def failure_rows(problem: Attitudes) -> tuple[Row, ...]:
+def failure_rows(problem: Attitudes) -> Rows:
     """Share of failures of each class; one that is declared is not judged.
 
     None is where weights differ so much that they lose the digits of all estimators.
@@ -514,7 +513,7 @@ def failure_rows(problem: Attitudes) -> tuple[Row, ...]:
 
 def bias_rows(
     problem: Attitudes, predicted: MeanAndCovariance, coarser: MeanAndCovariance
-) -> tuple[Row, ...]:
+) -> Rows:
     """Bias by cubature, and the most that is of second order."""
     mean, covariance = predicted
     unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
@@ -534,7 +533,7 @@ def bias_rows(
     return limit(families, biases, np.add(most, chosen), stat.SECOND_ORDER, n=1)
 
 
-def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
+def leading_rows(problem: Attitudes, rounding: float) -> Rows:
     """Rows of moments at a noise and at half of it; `rounding` of one estimate, rad."""
     near = min(1.0, 10.0 * problem.sine)  # the sums are in h over the sine
     sizes = [problem.noise.small(near * h).noise_std for h in (NOISE, *NEARER)]

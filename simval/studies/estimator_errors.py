@@ -34,7 +34,7 @@ from simval import statistics as stat
 from simval.arrays import Array
 from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of
-from simval.results import Row, limit, nees, plain, unjudged
+from simval.results import Rows, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.studies.trials import root
 from simval.theory.expansion import unit_length_defect, unit_length_rounding
@@ -67,7 +67,7 @@ def moment_rows(
     covariance: Float[Array, "p p"],
     predictor: str,
     left: tuple[float, float],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Bias and covariance against a prediction, and what each of them leaves out."""
     n, upper = measured.samples, np.triu_indices(3)
     pairs = [
@@ -85,14 +85,14 @@ def moment_rows(
 
 def series_rows(
     measured: Moments, cubature: MeanAndCovariance, second: Moments, fourth: Moments
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of simulated moments against power series of orders 2 and 4."""
     mean, covariance = cubature[0][:3], cubature[1][:3, :3]
     left = (
         2.0 * float(np.abs(mean - fourth.bias).max()),
         2.0 * float(np.abs(covariance - fourth.covariance).max()),
     )
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for theory, name in ((second, stat.ORDER_2), (fourth, stat.ORDER_4)):
         apart = (
             float(np.abs(theory.bias - fourth.bias).max()) + left[0],
@@ -108,7 +108,7 @@ def size_rows(
     least: float,
     rounding: tuple[float, float],
     chosen: float,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of sums, against cubature and the next lower one.
 
     `least` is the trace of the bound, rad^2; `rounding` that of one estimate, rad, and
@@ -141,7 +141,7 @@ def size_rows(
 
 def _tail_row(
     square: float, n: int, cubature: MeanAndCovariance, coarse: Float[Array, "2"]
-) -> tuple[Row, ...]:
+) -> Rows:
     """Mean square over cubature's, with the standard error that cubature gives it.
 
     The trials' own is no measure: rare ones that are far off make both great.
@@ -162,7 +162,7 @@ def _difference_rows(
     coarse: Float[Array, "2"],
     rounding: float,
     weights: float,
-) -> tuple[Row, ...]:
+) -> Rows:
     """RMS error against that of least squares, by eq. (D1)."""
 
     def difference(squares: Float[Array, "2"]) -> float:
@@ -187,9 +187,7 @@ def _difference_rows(
     )  # fmt: skip
 
 
-def unit_rows(
-    truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]
-) -> tuple[Row, ...]:
+def unit_rows(truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]) -> Rows:
     """Test of the mean and mean square of some trials against unit length."""
     # with the truth's sign
     error = truth - np.copysign(1.0, attitudes @ truth)[:, None] * attitudes
@@ -215,7 +213,7 @@ def claim_rows(
     unresolved: float,
     covariance: Float[Array, "3 3"],
     rounding: float,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Mean normalised square, and whether the claimed order is true.
 
     The claim is `off` by cubature, as far as that resolves, and by `half` at half the

@@ -20,10 +20,9 @@ from dataclasses import asdict, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.geometry import attitude_matrix, compose, conjugate, rotation_vector
 from simval.imu.filters.signals import FilterInput, Told
 from simval.imu.recorded import Alignment
@@ -31,7 +30,7 @@ from simval.imu.recorded.evaluation import resting
 from simval.imu.recorded.settings import Signals, Start
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter
-from simval.results import MAX_REMAINDER, Row, beyond, exact
+from simval.results import MAX_REMAINDER, Rows, beyond, exact
 from simval.shapes import Float
 from simval.studies.filter_scenarios import Course, Imperfect, course, drawn
 from simval.studies.response import apart
@@ -55,7 +54,7 @@ def prediction(
     way: Course,
     sensors: Imperfect,
     told: Told,
-    instants: NDArray[np.intp],
+    instants: Places,
     magnetometer: bool = True,
 ) -> FilterPrediction:
     """Error of the reference filter at some rows, by source; of fewer sensors too."""
@@ -85,7 +84,7 @@ def missed(way: Course) -> Float[Array, "T 3"]:
     S, q = way.rate * way.dt[:, None], way.attitude
     phi = S + np.cross(np.concatenate([np.zeros((1, 3)), S[:-1]]), S) / 12.0
     turn = rotation_vector(compose(conjugate(q[:-1]), q[1:]))
-    return np.asarray((phi - turn) / way.dt[:, None])
+    return (phi - turn) / way.dt[:, None]
 
 
 def second_order(
@@ -95,7 +94,7 @@ def second_order(
     first = FilterPath(dt=way.dt[:1], attitude=way.attitude[:2])
     model = model_of(sensors.told(way), magnetometer)
     (start,) = filter_prediction(first, model, told=model).second_order
-    return np.asarray(theory.second_order**2 + start**2 / (1.0 + theory.kept))
+    return theory.second_order**2 + start**2 / (1.0 + theory.kept)
 
 
 def model_of(told: Told, magnetometer: bool) -> FilterModel:
@@ -143,7 +142,7 @@ def six_axis_bound(
     first[:3, :3] = start.told.start_std**2 * level @ level.T
     path = FilterPath(dt=np.diff(time), attitude=q)
     body = filter_bound(path, replace(model, start=first)).covariance[:, :3, :3]
-    square = np.diagonal(A.swapaxes(1, 2) @ body @ A, axis1=1, axis2=2)[there[1:]]
+    square = np.linalg.diagonal(A.mT @ body @ A)[there[1:]]
     rest = resting(found)[start.row + 1 :][there[1:]]
     parts = {"all": np.ones_like(rest), "rest": rest, "moving": ~rest}
     return {
@@ -178,7 +177,7 @@ def drawn_filter_rows(
     way: Course,
     sensors: Imperfect,
     parts: Sequence[tuple[FilterInput, Float[Array, "n T 3"]]],
-) -> tuple[Row, ...]:
+) -> Rows:
     """The noise of each sensor, in units of what the parameters say."""
     return drawn_rows([_noise(way, sensors, *part) for part in parts])
 
@@ -203,7 +202,7 @@ def _noise(
 
 def stated_row(
     plugin: Filter, told: Told, world: str, scenario: tuple[str, float]
-) -> tuple[Row, ...]:
+) -> Rows:
     """The covariance that is stated without noise, against the bound's recursion."""
     way = course(*scenario, SECONDS)
     given = FilterInput(
@@ -260,7 +259,7 @@ NEXT: Final = 0.25
 were 3.03 and 3.00; of second order, 2.00."""
 
 
-def response_rows(make: Make, scenario: str) -> tuple[Row, ...]:
+def response_rows(make: Make, scenario: str) -> Rows:
     """Covariance by the response to each noise, and as stated; order of the turns."""
     way = course(scenario, RATE, RESPONSE_SECONDS)
     model = model_of(SENSORS.told(way), True)

@@ -264,7 +264,7 @@ def _iron(
     share = np.clip(3.0 * clock / clock[-1] - 1.0, 0.0, 1.0)
     near = np.where(share < 1.0, np.sin(np.pi * share) ** 2, 0.0)  # comes and goes
     world = IRON * np.linalg.norm(magnetic) * np.array([0.0, -0.8, 0.6])
-    return np.asarray(near[:, None] * (attitude_matrix(attitude) @ world))
+    return near[:, None] * (attitude_matrix(attitude) @ world)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -316,7 +316,7 @@ def drawn(
     M = sensors.M + sensors.calibration_std * rng.standard_normal((count, 3, 3))
     given = FilterInput(
         dt=course.dt,
-        gyroscope=course.rate @ M.swapaxes(-1, -2) + inside + white,
+        gyroscope=course.rate @ M.mT + inside + white,
         accelerometer=course.up
         + course.acceleration
         + sensors.accelerometer_noise * force,

@@ -29,10 +29,16 @@ from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
 from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere, observability
-from simval.results import Outcome, Row, beyond, control, plain, unjudged
+from simval.results import Outcome, Rows, beyond, control, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import UNITS, expanded, response_rows, rounding_of
+from simval.studies.calibration import (
+    UNITS,
+    G,
+    expanded,
+    response_rows,
+    rounding_of,
+)
 from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, correlation_row, noise_row, trials_of
@@ -42,7 +48,6 @@ TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"
 
 BLOCK = 256  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 # of many poses of an ideal sensor: `test_the_ladder`, test_theory_calibration_page.py
 RUNGS = {"squared": -3.5, "norm": -2.0, "weighted": -1.5, "sampson": 0.5, "adjusted": 0}
 
@@ -160,7 +165,7 @@ def _rung_rows(
     known: Expanded,
     predicted: CalibrationMoments,
     left: Float[Array, "9"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Mean relative bias of the scales, with its standard error, against theory."""
     unit = (parameters.noise_std / G) ** 2
     left_out = float((left[3:6] / sensor.K).mean() / unit)
@@ -168,7 +173,7 @@ def _rung_rows(
     samples = pairs.shape[1]
 
     def rung(values: Float[Array, "t 9"]) -> Float[Array, " t"]:
-        return np.asarray((values[..., 3:6] / sensor.K).mean(axis=-1) / unit)
+        return (values[..., 3:6] / sensor.K).mean(axis=-1) / unit
 
     found = reduced_mean(
         rung(pairs.mean(axis=0)), rung(known.second), rung(known.mean_second)
@@ -188,7 +193,7 @@ def _scale_rows(
     known: Expanded,
     predicted: CalibrationMoments,
     left: Float[Array, "3"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Bias of the three scales along the predicted one; its entries are judged."""
     n, bias = pairs.shape[1], predicted.bias[3:6]
     size = float(np.sqrt(np.mean(bias**2)))

@@ -43,10 +43,20 @@ from simval.imu.calibrate import (
     fit,
 )
 from simval.imu.sensor import MagnetometerModel
-from simval.results import Outcome, Row, beyond, exact, limit, nees, plain, unjudged
+from simval.results import (
+    Outcome,
+    Row,
+    Rows,
+    beyond,
+    exact,
+    limit,
+    nees,
+    plain,
+    unjudged,
+)
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
+from simval.studies.calibration import G, true_sensor
 from simval.studies.response import (
     MET,
     STEP,
@@ -84,7 +94,6 @@ TITLE = "Magnetometer: all 22 parameters at the bound, and the two-step calibrat
 SECTION = "magnetometer"
 
 BLOCK = 128  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 LEVEL = 0.95
 ALL = 22
 RECOVERED = 1e-9
@@ -197,7 +206,7 @@ class Scenario:
         slope[:, 0, 0], slope[:, 1, 1] = 2.0 * u @ body, 2.0 * v @ iron
         slope[:, 2, 0], slope[:, 2, 1] = v @ body, u @ iron
         flat = (slope * np.array(self.std)[:, None]).reshape(n, 3, 6)
-        factor = np.linalg.cholesky(flat @ flat.transpose(0, 2, 1))
+        factor = np.linalg.cholesky(flat @ flat.mT)
         white = np.linalg.solve(factor, flat).reshape(n, 3, 2, 3)
         each = np.zeros((n, 3, 2, n, 3))
         each[np.arange(n), :, :, np.arange(n)] = white
@@ -258,7 +267,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
 
 
-Measured = Iterator[tuple[tuple[Row, ...], Reduced]]
+Measured = Iterator[tuple[Rows, Reduced]]
 """Rows of some statistics, and the same with control variates."""
 
 
@@ -362,9 +371,7 @@ def _stated(
     ), reduced_mean(seen["chi_square"], linear, 1.0)  # fmt: skip
 
 
-def _spread_row(
-    error: Float[Array, "t 22"], predicted: MagnetometerMoments
-) -> tuple[Row, ...]:
+def _spread_row(error: Float[Array, "t 22"], predicted: MagnetometerMoments) -> Rows:
     """Standard deviation of M, RMS over its entries, which are judged one by one."""
     part, n = PARTS["M"], len(error)
     squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
@@ -374,7 +381,7 @@ def _spread_row(
     return unjudged(stat.SPREAD("M"), *found, n, expected, stat.FIRST_ORDER, left)
 
 
-def _recovery(case: Scenario) -> tuple[Row, ...]:
+def _recovery(case: Scenario) -> Rows:
     fit = case.fitted(*case.means)
     error = np.abs(fit.parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
@@ -385,7 +392,7 @@ def _recovery(case: Scenario) -> tuple[Row, ...]:
     return limit(stat.RECOVERY.each(PARTS), relative, RECOVERED, stat.TRUTH, n=1)
 
 
-def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
+def stated_row(case: Scenario, predicted: MagnetometerMoments) -> Rows:
     """The covariance that the fit states at the truth, against the bound."""
     fit = case.fitted(*case.means)
     off = apart(fit.covariance, predicted.covariance)
@@ -394,7 +401,7 @@ def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...
 
 def response_rows(
     poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of theory against the estimate; none for noises too unlike."""
     noise = np.array([accelerometer_noise, field_noise]) / LOUD
     if noise.max() > UNLIKE * noise.min():

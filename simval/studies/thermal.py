@@ -25,21 +25,21 @@ from simval.poses import PARAMETERS, fibonacci_sphere
 from simval.results import Outcome, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
+from simval.studies.calibration import G, true_sensor
 from simval.studies.coverage import FREEDOM, LEVEL
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, drawn_rows, mean_of, share_error, trials_of
 from simval.theory.calibration import VARIANCE_NEXT
 from simval.theory.coverage import interval_coverage
-from simval.theory.thermal import LINEAR, thermal_equations
+from simval.theory.thermal import thermal_equations
 
 TITLE = "Temperature: are bias and scale in it at the bound, and what does it cost?"
 SECTION = "calibration"
 
 BLOCK = 64  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 TRUE = np.array([[2e-3, -1e-3, 1.5e-3], [1e-4, -5e-5, 2e-4]])
 """Of bias, m/s^2/K, and scale, 1/K: of a consumer's part, as of a data sheet."""
+LINEAR = (("bias", 1), ("scale", 1))
 STEPS = 60
 NAMES = (*forms.names("triangular"), *names_of(LINEAR))
 UNITS = ("1",) * 6 + ("m/s²",) * 3 + ("m/s²/K",) * 3 + ("1/K",) * 3
@@ -95,7 +95,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         own, _ = found.here.covariance()
         scatter = found.here.chi_square / dof
         half = quantile * np.sqrt(
-            np.diagonal(own, axis1=1, axis2=2) * scatter[:, None]
+            np.linalg.diagonal(own) * scatter[:, None]
         )  # fmt: skip
         kept = {
             "error": error,
@@ -140,9 +140,9 @@ def _left(
     x = clean - theta[:, None, 6:PARAMETERS]
     away, stretch = law(LINEAR, values, powers, x)
     matrix = forms.matrix("triangular", theta[:, :PARAMETERS])
-    force = (stretch * away) @ np.swapaxes(matrix, -1, -2)
+    force = (stretch * away) @ matrix.mT
     off = force - G * directions
-    return np.asarray(np.sqrt((off * off).sum(axis=-1).mean(axis=-1)))
+    return np.sqrt((off * off).sum(axis=-1).mean(axis=-1))
 
 
 FIGURES = (

@@ -14,7 +14,7 @@ Paths in a suite file are relative to its folder, and so are words of a command 
 files in it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -326,19 +326,27 @@ def _require_size(name: str, suite: BaseModel) -> None:
         raise InputError(msg)
 
 
+def plugins_of(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, list[Any]]]:
+    """Studies that take a plug-in, with their field for it and what a suite names."""
+    for study, table in grid.items():
+        field = STUDIES[study].parameters.plugin if study in STUDIES else ""
+        if isinstance(table, Mapping) and field in table:
+            yield study, field, _as_list(table[field])
+
+
+def respelled(grid: Mapping[str, Any], spell: Callable[[str], str]) -> dict[str, Any]:
+    """A grid with its plug-ins spelled in another way."""
+    found = dict(grid)
+    for study, field, texts in plugins_of(grid):
+        words = [spell(each) if isinstance(each, str) else each for each in texts]
+        listed = isinstance(grid[study][field], list)
+        found[study] = {**grid[study], field: words if listed else words[0]}
+    return found
+
+
 def beside(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """The content of a suite file, its paths of plug-ins relative to its folder."""
-    resolved = dict(content)
-    for study in resolved.keys() & STUDIES.keys():
-        table, field = resolved[study], STUDIES[study].parameters.plugin
-        if isinstance(table, Mapping) and field in table:
-            words = [
-                located(each, str(folder)) if isinstance(each, str) else each
-                for each in _as_list(table[field])
-            ]
-            several = isinstance(table[field], list)
-            resolved[study] = {**table, field: words if several else words[0]}
-    return resolved
+    return respelled(content, lambda each: located(each, str(folder)))
 
 
 def require_plugins(cells: Iterable[Cell]) -> None:

@@ -34,7 +34,6 @@ from simval.theory.expansion import (
     scaled_error_moments,
     second_order_bias,
     second_order_covariance,
-    tangent_projector,
     two_vector_direction,
 )
 from simval.theory.series import require_distribution, series_moments
@@ -51,6 +50,7 @@ from simval.theory.two_vector import (
     normalized_noise,
     own_axes,
     require_apart,
+    tangent_projector,
     turned_geometry,
     unit_arguments,
     vectors_of,
@@ -207,7 +207,7 @@ def _by_blocks(of: Callable[[slice], Found], count: int) -> Found:
 
 def _mapped_back(geometry: TwoVectorGeometry, bias: Array, covariance: Array) -> Found:
     back = geometry.back
-    turned = back @ covariance @ back.swapaxes(-1, -2)
+    turned = back @ covariance @ back.mT
     return np.matvec(back, bias), turned, geometry.q_true, geometry.norm
 
 
@@ -412,7 +412,7 @@ def multiplicative_moments(additive: AttitudeMoments) -> Moments:
     """
     q = instance("additive", additive, AttitudeMoments).q_true
     rows = -compose(conjugate(q)[..., None, :], np.eye(4))
-    back = rows.swapaxes(-1, -2)
+    back = rows.mT
     return Moments(
         bias=np.matvec(back, additive.bias),
         covariance=back @ additive.covariance @ rows,

@@ -114,7 +114,7 @@ def bound_left(
     slopes = forms.matrix_derivatives("triangular", sensor.parameters) @ np.linalg.inv(
         M
     )
-    stretch = (slopes + np.swapaxes(slopes, -1, -2)) / 2.0 * g / np.sqrt(3.0)
+    stretch = (slopes + slopes.mT) / 2.0 * g / np.sqrt(3.0)
     weight = np.zeros((12, 9))
     weight[:9, :6] = stretch.reshape(6, 9).T
     weight[9:, 6:] = M

@@ -319,8 +319,7 @@ def joint_root(name: str, covariances: Any, vectors: Array) -> Float[Array, "m m
             "(k, 3) and (k, 3, 3), or (3k, 3k) where vectors are correlated"
         )
         raise InputError(msg)
-    root: Array = scipy.linalg.block_diag(*roots)
-    return root
+    return scipy.linalg.block_diag(*roots)
 
 
 def covariance_roots(covariances: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
@@ -331,5 +330,4 @@ def covariance_roots(covariances: Float[Array, "k n n"]) -> Float[Array, "k n n"
     """
     values, vectors = np.linalg.eigh(covariances)
     scaled = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    roots: Array = scaled @ vectors.swapaxes(-1, -2)
-    return roots
+    return scaled @ vectors.mT

@@ -75,7 +75,7 @@ from simval.shapes import Float
 from simval.spelling import counted, rounded
 from simval.text import columns, number
 from simval.theory import magnetometer
-from simval.theory.calibration import calibration_moments
+from simval.theory.calibration import calibration_moments, in_form
 from simval.theory.estimating import Estimating, inverse_of, rank_of
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
 from simval.theory.magnetometer import problem_of
@@ -335,7 +335,7 @@ def plan(
         rank=seen.rank, condition=seen.condition, next_direction=seen.next_direction,
         sd_next=sd(np.vstack([u, seen.next_direction]))[0], noise_std=noise_std,
         model=form, g=g, geometry=geometry_loss(u),
-        parameters=forms.from_gram(form, body.matrix.T @ body.matrix, body.B),
+        parameters=in_form(form, body),
         reading="m/s²" if sensor is None else "raw units",
     )  # fmt: skip
 

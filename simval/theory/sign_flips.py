@@ -89,8 +89,7 @@ def _line_integral(norm: float, linear: Array, square: Array, step: float) -> fl
         # logarithm of M(z) / z
         scale = 1.0 + 2.0 * z[:, None] * square
         terms = 0.5 * (z[:, None] * linear) ** 2 / scale - 0.5 * np.log(scale)
-        found: Array = terms.sum(axis=1) - z * norm - np.log(z)
-        return found
+        return terms.sum(axis=1) - z * norm - np.log(z)
 
     edge = -0.5 / square.min()
     share = scipy.optimize.minimize_scalar(

@@ -222,7 +222,7 @@ def _checked(name: str, value: Array) -> Float[Array, "... k n n"]:
         ),
         InputError,
     )
-    skew = np.max(np.abs(value - value.swapaxes(-1, -2)), axis=entries, initial=0.0)
+    skew = np.max(np.abs(value - value.mT), axis=entries, initial=0.0)
     lowest = np.min(np.linalg.eigvalsh(value), axis=(-2, -1), initial=0.0)
     # a product F F' is rounded to 1e-16 of its greatest entry, an inverse to more
     refuse_samples(
@@ -260,7 +260,7 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
         )
         raise InputError(msg)
     scale = float(np.abs(value).max(initial=0.0))
-    turned = value.transpose(1, 0, 2), value.transpose(0, 2, 1)
+    turned = value.transpose(1, 0, 2), value.mT
     if not max(np.abs(value - other).max() for other in turned) <= 1e-12 * scale:
         msg = (
             f"`{name}` changes where two components are exchanged; a mean of products "
@@ -268,6 +268,11 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
         )
         raise InputError(msg)
     return value
+
+
+def tangent_projector(v: Float[Array, "... n"]) -> Float[Array, "... n n"]:
+    r"""Projector :math:`\Pi = I - v v^T` onto the plane tangent to the sphere at v."""
+    return np.eye(v.shape[-1]) - v[..., :, None] * v[..., None, :]
 
 
 def normalized_noise(
@@ -281,9 +286,9 @@ def normalized_noise(
     noise along v is correlated with the noise across) and its covariance
     :math:`\Pi\Sigma\Pi`.
     """
-    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
+    planes = tangent_projector(vectors)
     across = planes @ noise
-    shortened = 0.5 * np.trace(across, axis1=-2, axis2=-1)[..., None] * vectors
+    shortened = 0.5 * np.linalg.trace(across)[..., None] * vectors
     turned = (across @ vectors[..., None])[..., 0]
     return -turned - shortened, across @ planes
 
@@ -292,8 +297,8 @@ def tangent_covariances(
     vectors: Float[Array, "... 4 3"], std: Any
 ) -> Float[Array, "... 4 3 3"]:
     r"""Covariances of noise in the plane tangent to each unit vector."""
-    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
-    return np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2 * planes
+    variances = np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2
+    return variances * tangent_projector(vectors)
 
 
 # rounding enters a prediction as eps / |qbar|^k, k up to 4

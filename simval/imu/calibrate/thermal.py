@@ -11,7 +11,8 @@ parameters are those at T_0, and a reading y at T is that of the sensor at T_0 w
 is :math:`y' = b + (1 + \kappa\tau) \circ (y - b - \beta\tau)`.
 
 **Evidence.** Terms are added three at a time, one for each axis: bias or scale, linear
-first, by the odds that judge all else (`simval.imu.explain.temperature_effect`). A
+first, by the odds that judge all else (`temperature_effect` of
+`simval.imu.explain.judgement`). A
 sensor that does not depend on temperature is given a term in one log of a hundred at
 most. Where something else explains as much, such as a drift in time or a rest that is
 off, no term is added and that is said.
