@@ -454,7 +454,11 @@ def calibrate_sensors(
     whole, refusal = _all(parts, shifts)
     one = imu if whole is None else whole
     taken = NOTHING if imu is None else imu.recording.taken
-    reasons = () if one is None else (*taken.reasons, *one.noise.sentences, *refusal)
+    reasons = (
+        ()
+        if one is None
+        else (*taken.reasons, *filter(None, [one.noise.words]), *refusal)
+    )
     other = compass if whole is None else whole
     return replace(
         result,

@@ -273,7 +273,7 @@ def test_rests_that_creep_are_seen_and_cost_little(degrees, logs):
         cut = stats.chi2.isf([0.9995, 0.0005], 12 * logs)
         assert cut[0] < nees.sum() < cut[1]
         assert not cut[0] < 1.6 * nees.sum() < cut[1]
-        assert not any(each.noise.sentences for each in own)
+        assert not any(each.noise.words for each in own)
         seen = sum(
             "mean attitude of a rest" in " ".join(fit.recording.taken.reasons)
             for fit in fits
