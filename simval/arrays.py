@@ -20,6 +20,8 @@ from simval.shapes import Float
 from simval.text import shown
 
 Array = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]  # of entries in an array
 # what is given: lists mixed of whole numbers and others have these types, and no
 # `ArrayLike`
 Vector = NDArray[Any] | Sequence[float]

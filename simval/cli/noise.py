@@ -29,9 +29,11 @@ from simval.cli.terminal import show
 from simval.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from simval.account import Account
     from simval.imu.logs import Log
-    from simval.imu.multiposition.noise_description import Sensors
+    from simval.imu.multiposition.noise_description import SensorNoise
 
 
 @declared("noise")
@@ -76,7 +78,11 @@ def command(
     from simval.imu.multiposition.description import with_log
     from simval.imu.multiposition.log_units import units_of
     from simval.imu.multiposition.noise import log_noise
-    from simval.imu.multiposition.noise_description import as_object, noise_account
+    from simval.imu.multiposition.noise_description import (
+        as_object,
+        noise_account,
+        noisy,
+    )
 
     _require_drawable(figure)
     log = read_log(
@@ -91,12 +97,7 @@ def command(
         "gyro": gyro_unit,
         "magnetometer": magnetometer_unit,
     }
-    units = units_of(log, given, means=found.means)
-    sensors: Sensors = {
-        name: (axes, scale)
-        for name, scale in units.items()
-        if (axes := getattr(found, name))
-    }
+    sensors = noisy(found, units_of(log, given, means=found.means))
     account = with_log(noise_account(found, sensors), log)
     if figure is not None:
         _draw(figure, log, sensors)
@@ -107,7 +108,7 @@ def command(
         click.echo(json.dumps(written, allow_nan=False))
     else:
         show(account, verbose=verbose)
-    if not any(axis.coefficients for axes, _ in sensors.values() for axis in axes):
+    if not any(axis.coefficients for each in sensors for axis in each.axes):
         msg = f"{path}: no axis has a noise model; the reason for each is above"
         raise RefusedError(msg)
 
@@ -127,12 +128,11 @@ def _require_drawable(figure: Path | None) -> None:
         raise InputError(msg)
 
 
-def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
-    from simval.imu.multiposition.noise_description import noisy
+def _draw(figure: Path, log: Log, sensors: Sequence[SensorNoise]) -> None:
     from simval.report import png, svg_file
     from simval.report.noise_page import allan_drawing
 
-    drawing = allan_drawing(Path(log.path).name, noisy(sensors))
+    drawing = allan_drawing(Path(log.path).name, sensors)
     if not drawing.panels:
         return  # no reading varies: refused below
     try:
@@ -145,9 +145,10 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
         raise InputError(msg) from None
 
 
-def _write_page(page: Path, log: Log, account: Account, sensors: Sensors) -> None:
-    from simval.imu.multiposition.noise_description import noisy
+def _write_page(
+    page: Path, log: Log, account: Account, sensors: Sequence[SensorNoise]
+) -> None:
     from simval.report.log_page import render_log  # starts the drawing
     from simval.report.noise_page import noise_page
 
-    write(page, render_log(noise_page(log, noisy(sensors), account, command_again())))
+    write(page, render_log(noise_page(log, sensors, account, command_again())))

@@ -290,8 +290,7 @@ class Child(End):
             raise Lost(CrashedPluginError(answer))
         if fault:
             raise FAULTS.get(fault, PluginError)(answer)
-        found: T = answer
-        return found
+        return answer
 
     def _received_into(self, left: memoryview) -> int:
         while (rest := self.time_limit - self.spent) > 0.0:

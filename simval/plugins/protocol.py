@@ -59,7 +59,7 @@ def _require(field: str, value: Any, kind: Any, known: tuple[str, ...]) -> None:
         if value is None:
             return
         (kind,) = (each for each in get_args(kind) if each is not NoneType)
-    allowed: tuple[Any, ...] = get_args(kind) if get_origin(kind) is Literal else ()
+    allowed = get_args(kind) if get_origin(kind) is Literal else ()
     allowed = (True, False) if kind is bool else allowed
     # of the very type: 2 == 2.0, 1 == True, and an array is equal to nothing at all
     fits = [type(value) is type(word) and value == word for word in allowed]

@@ -204,7 +204,7 @@ class Trial:
         q, inverse = (to_scene(each[half:], world) for each in (own, conjugate(own)))
         truth = here.truth[half:]
         heading, _ = heading_and_inclination(q, truth)
-        off = float(np.angle(np.exp(1j * heading).mean()))
+        off = np.angle(np.exp(1j * heading).mean())
         back = np.array([0.0, 0.0, -np.sin(off / 2.0), np.cos(off / 2.0)])
         turned = compose(np.broadcast_to(back, q.shape), q)
         if np.max(attitude_error(turned, truth)) <= LIKE * abs(off):
@@ -222,7 +222,7 @@ class Trial:
         left = {}
         for k in range(-most, most + 1):
             true = here.truth[half - k : len(own) - k]
-            left[k] = float(np.max(attitude_error(true, q[: len(true)])))
+            left[k] = np.max(attitude_error(true, q[: len(true)]))
         k = min(left, key=lambda each: left[each])
         if k == 0 or left[k] > LIKE * left[0]:
             return ""
@@ -285,9 +285,7 @@ def require_signs(filter: Filter, told: Told, world: str, rate: float) -> None:
         return
     run = run_of(filter, readings, np.array([len(given.dt) - 1]))
     last = {w: v[:, 0] if filter.batch else v for w, v in run.words.items()}
-    if "bias" in last and float((found := last["bias"][0]) @ bias) < -CLEAR * float(
-        bias @ bias
-    ):
+    if "bias" in last and ((found := last["bias"][0]) @ bias) < -CLEAR * (bias @ bias):
         msg = (
             f"{filter.name} answers with the `bias` {_numbers(found)} rad/s "
             f"where it is {_numbers(bias)}: return what the gyroscope reads at "
@@ -298,8 +296,8 @@ def require_signs(filter: Filter, told: Told, world: str, rate: float) -> None:
         return
     own = own_quaternions(filter, last["attitude"])
     P = on_body_side(filter, last["covariance"], own)[0]
-    size = float(np.sqrt(np.trace(P[:3, :3]) * np.trace(P[3:6, 3:6])))
-    if float(np.trace(P[:3, 3:6])) > CLEAR * size:
+    size = np.sqrt(np.trace(P[:3, :3]) * np.trace(P[3:6, 3:6]))
+    if np.trace(P[:3, 3:6]) > CLEAR * size:
         msg = (
             f"{filter.name} answers with a `covariance` in which attitude and bias are "
             "of opposite signs: both errors are estimate minus truth, the attitude's "

@@ -205,24 +205,13 @@ def cell_result(cell: Sequence[Any], rows: Iterable[Stored]) -> CellResult:
         status=status,
         error=error,
         seconds=seconds,
-        rows=tuple(_row(*row[2:]) for row in rows),
+        rows=tuple(map(_row, rows)),
     )
 
 
-def _row(
-    family: str,
-    entries: str,
-    controlled: int,
-    unit: str,
-    value: float | None,
-    error: float | None,
-    n: int,
-    prediction: float | None,
-    predictor: str,
-    remainder: float | None,
-    check: Check,
-    outside: str,
-) -> Row:
+def _row(entry: Stored) -> Row:
+    family, entries, controlled, unit, value, error, n, *theory = entry[2:]
+    prediction, predictor, remainder, check, outside = theory
     return Row(
         statistic=_statistic(family, entries, controlled, unit),
         value=math.nan if value is None else value,

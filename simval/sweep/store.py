@@ -291,7 +291,7 @@ class _Manifest(BaseModel):
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
     """Read the manifest: what the numbers of the run depend on."""
     try:
-        content: dict[str, Any] = json.loads(entry(database, "manifest"))
+        content = json.loads(entry(database, "manifest"))
         _Manifest.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]

@@ -32,7 +32,7 @@ from simval.imu.calibrate.minimization import (
     normalized,
     pose_objective,
 )
-from simval.imu.calibrate.outliers import belonging, judge_poses
+from simval.imu.calibrate.outliers import judge_poses, standardized
 from simval.imu.calibrate.residuals import (
     LOSSES,
     READING,
@@ -368,7 +368,7 @@ def _suspects(
     rest = _fit_block(poses[None, keep], std, options)
     if rest["code"][0] >= Code.NON_FINITE:
         return []
-    far = np.abs(belonging(poses, sigma, off).standardized)
+    far = np.abs(standardized(poses, sigma, off))
     return [(k, float(far[k])) for k in off]
 
 

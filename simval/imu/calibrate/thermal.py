@@ -29,7 +29,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import scipy
 
 from simval.arrays import Array, ReadOnly
 from simval.imu.calibrate.equations import Accelerometer, Corrected, Problem
@@ -189,11 +188,6 @@ class Term(ReadOnly):
     def sd(self) -> Float[Array, "k 3"]:
         """Standard deviation of each coefficient."""
         return np.sqrt(np.diagonal(self.covariance)).reshape(-1, 3)
-
-    def confidence_intervals(self, level: float = 0.95) -> Float[Array, "k 3 2"]:
-        """Interval of each coefficient, by Student's t."""
-        half = scipy.special.stdtrit(self.dof, 0.5 + level / 2.0) * self.sd
-        return np.stack([self.coefficients - half, self.coefficients + half], axis=-1)
 
     def powers(self, temperature: Float[Array, " n"]) -> Float[Array, "n 2"]:
         """Tau and its square."""

@@ -264,7 +264,7 @@ def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
     if bad.any():
         msg = (
             f"{table.where(int(np.argmax(bad)))}: a value is missing or not "
-            f"finite ({counted(np.count_nonzero(bad), 'such row')} in all); cut "
+            f"finite ({counted(int(bad.sum()), 'such row')} in all); cut "
             "or repair those rows"
         )
         raise InputError(msg)

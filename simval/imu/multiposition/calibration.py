@@ -271,7 +271,7 @@ def calibrate_log(
                 log.accelerometer, log.time, intervals, warm.rests, warm.thermal
             )
             warm = warm._replace(within=within)
-        case = case_of(log, g, rest, intervals, pose, fit, numbers)
+        case = case_of(log, rest, intervals, pose, fit, numbers)
         diagnosis = diagnose(
             fit, poses, std, time=case.middle, further=further,
             judgement=case.judgement,
@@ -301,7 +301,7 @@ def calibrate_log(
             taken=NOTHING._replace(thermal=_terms(accelerometer=warm.thermal)),
         )
     except RefusedError as error:
-        raise explained(log, g, rest, error) from error
+        raise explained(log, rest, error) from error
     require_sound(case)
     return result
 
@@ -454,7 +454,11 @@ def calibrate_sensors(
     whole, refusal = _all(parts, shifts)
     one = imu if whole is None else whole
     taken = NOTHING if imu is None else imu.recording.taken
-    reasons = () if one is None else (*taken.reasons, *one.noise.sentences, *refusal)
+    reasons = (
+        ()
+        if one is None
+        else (*taken.reasons, *filter(None, [one.noise.words]), *refusal)
+    )
     other = compass if whole is None else whole
     return replace(
         result,

@@ -38,7 +38,6 @@ class JudgedRests(NamedTuple):
     """The rests of a log, with the fit to them if there is one."""
 
     log: Log
-    g: float
     rest: float | None  # length of the initial rest as it was given, s
     intervals: Intervals  # samples start <= k < stop of each rest
     means: Float[Array, "m 3"]  # mean reading of each, raw units
@@ -61,8 +60,7 @@ class JudgedRests(NamedTuple):
 
     def rows(self, start: int, stop: int) -> str:
         """Say when rows were."""
-        time = self.log.time
-        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
+        return f"from {self.log.span((start, stop))}"
 
     def span(self, rest: int) -> str:
         """Say when a rest was."""
@@ -147,7 +145,6 @@ def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
 
 def case_of(
     log: Log,
-    g: float,
     rest: float | None,
     intervals: Intervals,
     noise: PoseNoise | None = None,
@@ -170,7 +167,6 @@ def case_of(
         judgement = judge(means, [wrapped(means, own, lap)] if own.any() else [])
     return JudgedRests(
         log=log,
-        g=g,
         rest=rest,
         intervals=intervals,
         means=interval_means(samples, intervals),

@@ -93,7 +93,7 @@ class MeansCalibration(Told):
         """Return it as one JSON object; of an accelerometer a calibration file."""
         said = {
             "sensor": self.sensor, "rows": self.rows.tolist(),
-            "pose_noise": "residuals", "verdict": self.diagnosis.verdict,
+            "pose_noise": "residuals",
             "left_out": list(self.left_out),
             "outliers": self.rows[[*self.diagnosis.outliers]].tolist(),
         }  # fmt: skip

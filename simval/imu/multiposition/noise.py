@@ -159,10 +159,7 @@ def _still(log: Log, rest: float | None) -> tuple[int, int, str, Intervals]:
     if start <= edge and rows - stop <= edge:
         return 0, rows, "the whole log, which is at rest", intervals
     rests = counted(len(intervals), "rest")
-    how = (
-        f"the longest of {rests}, from {log.time[start]:.2f} s to "
-        f"{log.time[stop - 1]:.2f} s"
-    )
+    how = f"the longest of {rests}, from {log.span((start, stop))}"
     return start, stop, how, intervals
 
 

@@ -52,12 +52,11 @@ def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> 
             stuck |= np.array([(part >= limit).any(axis=0) for part in parts])
         if stuck.any():
             pose, axis = (int(k) for k in np.argwhere(stuck)[0])
-            start, stop = intervals[pose]
             msg = (
                 f"{log.path}: axis {AXES[axis]} is saturated at {sign * top[axis]:g} "
-                f"in the rest from {log.time[start]:.2f} s to "
-                f"{log.time[stop - 1]:.2f} s; a reading at the rail says nothing about "
-                "the force: cut that rest out, or record with a wider range"
+                f"in the rest from {log.span(intervals[pose])}; a reading at the "
+                "rail says nothing about the force: cut that rest out, or record with "
+                "a wider range"
             )
             raise SaturatedError(msg)
 

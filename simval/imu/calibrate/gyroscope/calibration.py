@@ -217,7 +217,6 @@ def _numbers(
         "covariance": covariance,
         "residual_angles": turns.angles(here.at, own),
         "chi2_per_dof": chi2 / dof if dof > 0 else np.full(len(M), np.nan),
-        "step": np.array(solution.step),
     }
 
 

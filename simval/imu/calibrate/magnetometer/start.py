@@ -306,7 +306,6 @@ def _best(problem: Problem, found: list[JointSolution]) -> tuple[JointSolution, 
         here=problem.local(upright),
         iterations=sum(each.iterations for each in found),
         converged=np.isfinite(costs[best, trials]),
-        step=np.array([each.step for each in found])[best, trials],
     ), ~np.any(near & (apart > _SAME), axis=0)
 
 
