@@ -371,13 +371,11 @@ def require_order(problem: Calibrations) -> None:
         there, _ = forms.convert(own, None, source="triangular", target=form)
         J = forms.conversion_jacobian(own, there, source="triangular", target=form)
         bound, names = J @ bound @ J.T, list(forms.names(form))
-    root = np.linalg.cholesky(bound)
     spread = {}
     for blocks in permutations(np.arange(p).reshape(-1, 3)):
         order = np.concatenate(blocks)
         back = np.argsort(order)  # where each parameter stands in that order
-        half = np.linalg.solve(root, covariance[np.ix_(back, back)])
-        ratios = np.linalg.eigvalsh(np.linalg.solve(root, half.T))
+        ratios = scipy.linalg.eigvalsh(covariance[np.ix_(back, back)], bound)
         spread[tuple(order.tolist())] = ratios[-1] / ratios[0]
     fitting = min(spread, key=lambda order: spread[order])
     if ALIKE * spread[fitting] < spread[tuple(range(p))]:
