@@ -23,7 +23,7 @@ from typing import Final
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.errors import InputError
 from simval.shapes import Float
 
@@ -113,7 +113,7 @@ class VectorNoise:
             return np.broadcast_to(scaled, (len(vectors[0]), *scaled.shape))
         v = np.stack(vectors, axis=1)
         along = v / np.linalg.norm(v, axis=2, keepdims=True)
-        planes = np.eye(3) - along[..., :, None] * along[..., None, :]
+        planes = np.eye(3) - outer(along, along)
         return scaled @ planes
 
     def roots(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from simval import statistics as stat
-from simval.arrays import Array, Places
+from simval.arrays import Array, Places, outer
 from simval.figures import Distribution, Listing, entries, family_words, predictor
 from simval.results import Outcome, limit, unjudged
 from simval.shapes import Float
@@ -137,7 +137,7 @@ def _leading(
     q, P = moments.q, moments.P
     leading = complete_fourth_covariance(moments) - second_order_covariance(q, P)
     bias = second_order_bias(q, P)
-    square = bias[:, :, None] * bias[:, None, :]
+    square = outer(bias, bias)
     return leading, (leading - quadratic_covariance(q, P), leading - square)
 
 

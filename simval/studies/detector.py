@@ -45,6 +45,7 @@ from simval.imu.statics import (
     intervals_below,
     variance_magnitude,
 )
+from simval.imu.statics.detector import runs_of
 from simval.poses import PARAMETERS
 from simval.results import Outcome, Row, Rows, exact, nees, unjudged
 from simval.scene import Trajectory, simulate_cached
@@ -312,13 +313,11 @@ def _artifact(
 ) -> Mapping[str, Array]:
     # what the report draws: times in s, readings in raw units
     time = np.asarray(truth.time)
-    edges = np.diff(np.concatenate([[0], truth.still.astype(int), [0]]))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return {
         "time": time,
         "signal": np.asarray(raw),
         "intervals": time[intervals - [0, 1]],
-        "truth": time[np.stack([starts, stops - 1], axis=1)],
+        "truth": time[runs_of(truth.still) - [0, 1]],
         "variance": np.where(np.isfinite(spread), spread, np.nan),
         "threshold": np.array([threshold]),
     }

@@ -38,6 +38,7 @@ import scipy
 from pydantic import Field
 
 from simval import statistics as stat
+from simval.arrays import outer
 from simval.figures import Figure, Listing, along_entry, entry, family_words
 from simval.geometry import normalize
 from simval.imu.explain import Judgement, RestMeans, judge
@@ -242,8 +243,7 @@ def _of_known_noise(rng: Random) -> RestMeans:
     matrix = np.eye(3) + np.triu(rng.normal(0.0, 0.02, (3, 3)))
     y = G * up @ matrix.T + rng.normal(0.0, 0.3, 3)
     along, std = normalize(y), 10.0 ** rng.uniform(-3.5, -2.0)
-    outer = along[:, :, None] * along[:, None, :]
-    root = std * (ACROSS * np.eye(3) + (1.0 - ACROSS) * outer)
+    root = std * (ACROSS * np.eye(3) + (1.0 - ACROSS) * outer(along, along))
     y = y + np.einsum("nab,nb->na", root, rng.standard_normal(y.shape))
     return RestMeans.of(y, root @ root, np.arange(float(len(y))))
 

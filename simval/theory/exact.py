@@ -68,7 +68,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from simval.arrays import Array, Mask, Scalars, frozen
+from simval.arrays import Array, Mask, Scalars, frozen, outer
 from simval.errors import RefusedError
 from simval.geometry import cross, cross_matrix
 from simval.shapes import Float
@@ -397,11 +397,11 @@ def _moments_isotropic(
     # E[e e'|u] = gap gap' + a (q w' + w q') - b w w' + b/2 (R - w w')
     second = (weights[..., None, :] * gap) @ gap.mT
     second -= 3.0 * (half[..., None, :] * w) @ w.mT
-    shortened = q[..., :, None] * mean_w[..., None, :]
+    shortened = outer(q, mean_w)
     second += shortened + shortened.mT
     second += half.sum(axis=-1)[..., None, None] * np.eye(4)
     second[..., :3, :3] -= (half[..., None, :] * u) @ directions
-    return bias, second - bias[..., :, None] * bias[..., None, :]
+    return bias, second - outer(bias, bias)
 
 
 def one_minus_a(rho: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -598,7 +598,7 @@ def _shortening(
     # 1 - f_k f_l = g_k + g_l - g_k g_l
     one = np.sum(Z0 * g, axis=-1)
     both = (Z0 * g) @ g.mT + (growth * f) @ f.mT
-    D = means[:, :, None] * means[:, None, :] * (one[:, :, None] + one[:, None] - both)
+    D = outer(means, means) * (one[:, :, None] + one[:, None] - both)
     every = np.arange(3)
     D[:, every, every] -= variances[..., 0] * np.sum((Z0 + growth) * f, axis=-1)
     return delta, D

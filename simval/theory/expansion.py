@@ -91,7 +91,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array, Scalars
+from simval.arrays import Array, Scalars, outer
 from simval.geometry import cross, cross_matrix
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
@@ -173,7 +173,7 @@ def half_noise(
         halves = np.block(rows)
         C = halves @ noise @ halves.mT
         return C[..., :6, :6], C[..., 6:, 6:], C[..., :6, 6:]
-    turn = geometry.turn[..., :, None] * geometry.turn[..., None, :]
+    turn = outer(geometry.turn, geometry.turn)
     b1, b2 = noise[..., 0, :, :], noise[..., 1, :, :]
     r1, r2 = turn * noise[..., 2, :, :], turn * noise[..., 3, :, :]
     own, cross = (b1 + r1) / 4.0, (b1 - r1) / 4.0
@@ -220,7 +220,7 @@ def scaled_error_moments(
 
 def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
     """Matrix Q of source eq. (50)."""
-    return np.eye(4) - 3.0 * _outer(q, q)
+    return np.eye(4) - 3.0 * outer(q, q)
 
 
 def second_order_bias(
@@ -288,7 +288,7 @@ def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "...
 def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "... 4"]:
     """Mean of q - qhat through fourth order."""
     q, P = moments.q, moments.P
-    V = moments.V + _outer(moments.mean, moments.mean)
+    V = moments.V + outer(moments.mean, moments.mean)
     from_bilinear = np.sum(quadratic_form(q) * V[..., None, :, :], axis=(-2, -1))
     return (
         second_order_bias(q, P)
@@ -311,10 +311,10 @@ def _mean_cubic_gradient(
     Pq, trace = np.matvec(P, q), _trace(P)[..., None]
     along = _dot(q, Pq)
     return (
-        3.0 * _outer(q, Pq)
+        3.0 * outer(q, Pq)
         - P
         + (1.5 * along - 0.5 * trace)[..., None] * np.eye(4)
-        - _outer((7.5 * along - 1.5 * trace) * q - 3.0 * Pq, q)
+        - outer((7.5 * along - 1.5 * trace) * q - 3.0 * Pq, q)
     )
 
 
@@ -345,10 +345,6 @@ def _quartic_bias(
         + 3.0 * (trace**2 + 2.0 * np.sum(P * P, axis=(-2, -1))[..., None])
     )
     return vector - inside / 8.0 * q
-
-
-def _outer(a: Array, b: Array) -> Array:
-    return a[..., :, None] * b[..., None, :]
 
 
 def _trace(matrices: Array) -> Any:

@@ -21,6 +21,7 @@ from simval.arrays import (
     Array,
     ReadOnly,
     finite_array,
+    outer,
     physical_array,
 )
 from simval.errors import GeometryError, InputError, SimvalError
@@ -276,7 +277,7 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
 
 def tangent_projector(v: Float[Array, "... n"]) -> Float[Array, "... n n"]:
     r"""Projector :math:`\Pi = I - v v^T` onto the plane tangent to the sphere at v."""
-    return np.eye(v.shape[-1]) - v[..., :, None] * v[..., None, :]
+    return np.eye(v.shape[-1]) - outer(v, v)
 
 
 def normalized_noise(
