@@ -27,7 +27,6 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -48,7 +47,7 @@ from simval.studies.noise_kinds import (
     noise_roots,
     tails,
 )
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, described, ranged
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.estimators import wahba_moments
@@ -106,12 +105,8 @@ class Parameters(StudyParameters):
     # the same draws for each shape of the noise, so that cells compare
     no_noise = ("noise", "normalized")
 
-    noise: NoiseKind = Field(
-        default="isotropic", description="Noise of the four vectors."
-    )
-    normalized: bool = Field(
-        default=False, description="Normalise the vectors before they are used."
-    )
+    noise: NoiseKind = described("isotropic", "Noise of the four vectors.")
+    normalized: bool = described(False, "Normalise the vectors before they are used.")
     geometries: int = ranged(500, "Random attitudes and vector pairs.", 100)
     trials: int = ranged(200, "Trials for each geometry.", 10, MOST_TRIALS)
     noise_std: float = ranged(

@@ -46,7 +46,7 @@ from typing import Final, Literal, Self
 
 import numpy as np
 import scipy
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -79,7 +79,14 @@ from simval.studies.response import (
     reduced_share,
     response,
 )
-from simval.studies.study import Cost, Geometry, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    Cost,
+    Geometry,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.studies.trials import (
     correlation_row,
     mean_of,
@@ -151,12 +158,10 @@ class Parameters(StudyParameters):
     )
     geometry: Geometry = 0
     samples: int = ranged(65_536, "Trials.", 4096, MOST_SAMPLES)
-    noise: Literal["isotropic", "tangent", "heavy tails"] = Field(
-        default="isotropic", description="Noise of the body vectors."
+    noise: Literal["isotropic", "tangent", "heavy tails"] = described(
+        "isotropic", "Noise of the body vectors."
     )
-    normalized: bool = Field(
-        default=False, description="Normalise the vectors of the closed forms."
-    )
+    normalized: bool = described(False, "Normalise the vectors of the closed forms.")
 
     # the same draws for each kind of noise, so that cells compare
     no_noise = ("noise", "normalized")

@@ -29,7 +29,7 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
 from simval import statistics as stat
 from simval.arrays import Array, Mask, Places
@@ -52,7 +52,14 @@ from simval.scene import Trajectory, simulate_cached
 from simval.shapes import Float, Int
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    LEAST_NOISE,
+    Cost,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.studies.trials import mean_of
 from simval.units import COUNT, PERCENT
 
@@ -82,8 +89,8 @@ ROUNDED = 1e-9
 class Parameters(StudyParameters):
     """One cell: a scene, its noise, and the detector's settings."""
 
-    scene: Literal["gimbal", "die", "shaker", "handheld"] = Field(
-        default="gimbal", description="Scene that is simulated."
+    scene: Literal["gimbal", "die", "shaker", "handheld"] = described(
+        "gimbal", "Scene that is simulated."
     )
     poses: int = ranged(40, "Rests that the scene plans.", 9, 400)
     noise_std: float = ranged(

@@ -35,7 +35,6 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 import scipy
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import outer
@@ -64,7 +63,7 @@ from simval.studies.rest_sets import (
     faulty,
     unharmed,
 )
-from simval.studies.study import Cost, StudyParameters, ranged
+from simval.studies.study import Cost, StudyParameters, described, ranged
 from simval.studies.trials import share_error
 from simval.units import PERCENT
 
@@ -98,8 +97,8 @@ class Parameters(StudyParameters):
     logs: Literal[
         "sound", "of known noise", "changed readings", "biases", "scales", "holds",
         "two at once", "in half a sphere", "in no catalogue",
-    ] = Field(
-        default="sound", description="Logs without a fault, or with which."
+    ] = described(
+        "sound", "Logs without a fault, or with which."
     )  # fmt: skip
     trials: int = ranged(
         1,

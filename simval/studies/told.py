@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -32,7 +31,7 @@ from simval.studies.filter_prediction import (
     second_order,
 )
 from simval.studies.filter_scenarios import Course, Imperfect, Simulated, course, drawn
-from simval.studies.study import Cost, StudyParameters, ranged, refusing
+from simval.studies.study import Cost, StudyParameters, described, ranged, refusing
 from simval.studies.trials import Drawn, drawn_rows
 from simval.theory import CalibrationError, RowError, filter_prediction
 from simval.theory.filter_settings import (
@@ -60,12 +59,12 @@ class Parameters(StudyParameters):
 
     no_noise = ("setting",)
 
-    motion: Literal["gimbal slow", "gimbal fast"] = Field(
-        default="gimbal slow", description="Motion of the body."
+    motion: Literal["gimbal slow", "gimbal fast"] = described(
+        "gimbal slow", "Motion of the body."
     )
-    setting: Literal["true noise", "twice", "tenfold", "found"] = Field(
-        default="found",
-        description="Noise that the filter is given: its own, twice or ten times it, "
+    setting: Literal["true noise", "twice", "tenfold", "found"] = described(
+        "found",
+        "Noise that the filter is given: its own, twice or ten times it, "
         "or that of `simval tell`.",
     )
     gyroscope_error: float = ranged(
