@@ -452,13 +452,11 @@ class Parameters(AlgorithmParameters):
     noise_std: float = ranged(
         0.01, "Noise per axis of each body vector of length 1.", LEAST_NOISE, MOST_NOISE
     )
-    noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = (
-        described(
-            "body",
-            "Noise of each vector relative to `noise_std`: body, all, tangent, "
-            'unequal, general, standard deviations such as "1 3 0 0" of b1, b2, r1, r2, '
-            "or as many 3 x 3 covariances in JSON.",
-        )
+    noise: Spaced = described(
+        "body",
+        "Noise of each vector relative to `noise_std`: body, all, tangent, "
+        'unequal, general, standard deviations such as "1 3 0 0" of b1, b2, r1, r2, '
+        "or as many 3 x 3 covariances in JSON.",
     )
     vectors: int = ranged(2, "Vector pairs.", 2, 6)
     samples: int = ranged(16_384, "Trials; rounded up to whole blocks of 1024.", BLOCK)
