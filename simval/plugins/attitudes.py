@@ -51,8 +51,7 @@ def tail(components: str) -> tuple[int, ...]:
 
 def finite_rows(raw: Float[Array, "n ..."]) -> Bool[Mask, " n"]:
     """Mask of finite answers."""
-    finite = np.isfinite(raw)
-    return np.logical_and.reduce(finite, axis=tuple(range(1, raw.ndim)))
+    return np.logical_and.reduce(np.isfinite(raw), axis=tuple(range(1, raw.ndim)))
 
 
 def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:

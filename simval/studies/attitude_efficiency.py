@@ -274,8 +274,7 @@ def ratio_rows(
     for what, pick in (("median", np.median), ("worst", np.max)):
         ratio, at = stat.RMS_RATIO(name, what), pick(predicted)
         if name in ("combined", "optimal"):
-            closed = pick(price)
-            rows += exact(ratio, at, closed, stat.CLOSED_FORM, ROUNDED)
+            rows += exact(ratio, at, pick(price), stat.CLOSED_FORM, ROUNDED)
         elif name != "TRIAD":
             rows += unjudged(ratio, at, predictor=stat.FIRST_ORDER)
         value = pick(simulated)

@@ -136,8 +136,7 @@ def _leading(
     q, P = moments.q, moments.P
     leading = complete_fourth_covariance(moments) - second_order_covariance(q, P)
     bias = second_order_bias(q, P)
-    square = outer(bias, bias)
-    return leading, (leading - quadratic_covariance(q, P), leading - square)
+    return leading, (leading - quadratic_covariance(q, P), leading - outer(bias, bias))
 
 
 def _extrapolated(

@@ -266,8 +266,7 @@ class Setting:
         found = {name: self.chords(name, *vectors) for name in names}
         block = vectors.mT.reshape(12, -1)
         for name, geometry in self.lengths.items():
-            frame = self.best if name == "best" else name
-            raw = raw_quaternion(block, frame).T
+            raw = raw_quaternion(block, self.best if name == "best" else name).T
             lengths = np.linalg.norm(raw, axis=1, keepdims=True)
             found[f"length {name}"] = geometry.norm / lengths - 1.0
             if name == "best":
@@ -516,8 +515,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
                "sequential": np.array(SEQUENCE)[first]}  # fmt: skip
     squares = {}
     for name, column in columns.items():
-        geometry = turned_geometry(column, q, r1, r2)
-        moments = scaled_error_moments(geometry, noise)
+        moments = scaled_error_moments(turned_geometry(column, q, r1, r2), noise)
         squares[name] = 4.0 * second_order_covariance(moments.q, moments.P)
     combined = attitude_moments(q, r1, r2, noise, 2, "combined")
     squares["combined"] = 4.0 * combined.covariance

@@ -205,8 +205,7 @@ class Setting:
         vectors = np.concatenate([self.body, self.references])
         sizes = self.noise_std.reshape(-1, 1, 1) ** 2
         noise = self.covariances = sizes * noise_covariances(self.kind, vectors)
-        bound = wahba_bound(self.q, self.references, noise)
-        self.bound = np.trace(bound.rotation)
+        self.bound = np.trace(wahba_bound(self.q, self.references, noise).rotation)
         self.weights = {"weighted": 1.0 / self.std**2, "equal weights": np.ones(n)}
         moments = {
             name: wahba_moments(self.q, self.references, noise, weights)
@@ -283,8 +282,7 @@ class Setting:
         """Means of `features` to first order."""
         count = len(self.predicted)
         loss, variance = self.loss_moments(shift)
-        square = loss * loss + variance
-        return np.array([1.0] * count + [3.0] * count + [loss, square])
+        return np.array([1.0] * count + [3.0] * count + [loss, loss * loss + variance])
 
     def loss_moments(self, shift: float) -> tuple[float, float]:
         """Mean and variance of the loss to first order."""

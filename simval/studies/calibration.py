@@ -366,8 +366,7 @@ def response_rows(
 
     def estimate(y: Float[Array, "t d"]) -> Float[Array, "t 9"]:
         poses = y.reshape(-1, *clean.shape)
-        fit = calibrate(poses, **told, covariance=False)
-        return fit.require_converged().parameters
+        return calibrate(poses, **told, covariance=False).require_converged().parameters
 
     found = response(estimate, clean.ravel(), STEP * g / K.max())
     noise = np.ones(clean.size)

@@ -456,8 +456,7 @@ def left_rows(problem: Calibrations, measured: Moments) -> Rows:
     rows = unjudged(stat.LEFT(), rms, error, n, best, stat.BEST_OF_CLASS)
     if problem.faces:  # which do not show all nine
         return rows
-    nine = problem.nine_parameters().cramer_rao
-    least = bound_left(sensor, nine, places_of(ALL), G)
+    least = bound_left(sensor, problem.nine_parameters().cramer_rao, places_of(ALL), G)
     return rows + unjudged(stat.LEFT(), rms, error, n, least, stat.NINE_PARAMETERS)
 
 

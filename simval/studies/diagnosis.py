@@ -174,8 +174,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     if parameters.logs == "sound":
         return Outcome(rows=(*_sound_rows(parameters.trials, streams),))
     if parameters.logs == "of known noise":
-        n = UNIFORM * parameters.trials
-        return Outcome(rows=_known_rows(n, streams.block(0)))
+        return Outcome(rows=_known_rows(UNIFORM * parameters.trials, streams.block(0)))
     return Outcome(rows=(*_fault_rows(parameters, streams),))
 
 

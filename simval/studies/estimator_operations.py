@@ -150,8 +150,7 @@ def rounding_rows(plugin: Estimator, vectors: int, noise: VectorNoise) -> Rows:
     rows: Rows = ()
     for sine in SINES:
         q, r1, other = random_case(COUNT, np.random.default_rng(COUNT))
-        across = normalize(np.cross(r1, other))
-        r2 = np.sqrt(1.0 - sine**2) * r1 + sine * across
+        r2 = np.sqrt(1.0 - sine**2) * r1 + sine * normalize(np.cross(r1, other))
         cases = Exact(q, seen(q, r1, r2), noise)
         worst = min(float(cases.errors(plugin).max()), np.pi)
         given = stat.ROUNDING_AT(f"{sine:g}"), worst

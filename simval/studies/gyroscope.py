@@ -187,8 +187,7 @@ class Tumble:
         self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
     ) -> dict[str, Array]:
         """Noise of these, in units of what the parameters say."""
-        density = np.radians(self.parameters.angle_random_walk)
-        each = density * sqrt(ROWS / self.every)
+        each = np.radians(self.parameters.angle_random_walk) * sqrt(ROWS / self.every)
         return {
             "pose means": (poses - self.poses) / self.pose_std[:, None],
             "rates": (rows - self.rates) / each,

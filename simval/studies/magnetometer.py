@@ -383,8 +383,7 @@ def _spread_row(error: Float[Array, "t 22"], predicted: MagnetometerMoments) -> 
 
 
 def _recovery(case: Scenario) -> Rows:
-    fit = case.fitted(*case.means)
-    error = np.abs(fit.parameters - case.truth)
+    error = np.abs(case.fitted(*case.means).parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
     relative = [
         error[part].max() / size
@@ -395,8 +394,7 @@ def _recovery(case: Scenario) -> Rows:
 
 def stated_row(case: Scenario, predicted: MagnetometerMoments) -> Rows:
     """The covariance that the fit states at the truth, against the bound."""
-    fit = case.fitted(*case.means)
-    off = apart(fit.covariance, predicted.covariance)
+    off = apart(case.fitted(*case.means).covariance, predicted.covariance)
     return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, MET)
 
 

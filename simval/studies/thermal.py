@@ -147,8 +147,7 @@ def _left(
     x = clean - theta[:, None, 6:PARAMETERS]
     away, stretch = law(LINEAR, values, powers, x)
     matrix = forms.matrix("triangular", theta[:, :PARAMETERS])
-    force = (stretch * away) @ matrix.mT
-    off = force - G * directions
+    off = (stretch * away) @ matrix.mT - G * directions
     return np.sqrt((off * off).sum(axis=-1).mean(axis=-1))
 
 

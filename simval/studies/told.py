@@ -172,8 +172,7 @@ def readings(
     offset = errors[:, 27:].reshape(BLOCK, 2, 3)
     turned = parameters.gyroscope_error * way.rate
     more: dict[str, Any] = {GYROSCOPE: given.gyroscope + turned @ E[:, 0].mT}
-    field = way.strength
-    vectors = {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, field)}
+    vectors = {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, way.strength)}
     for k, (name, (vector, size)) in enumerate(vectors.items()):
         off = vector @ E[:, k + 1].mT + size * offset[:, k, None]
         more[name] = getattr(given, name) + parameters.vector_error * off

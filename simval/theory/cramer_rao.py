@@ -157,8 +157,7 @@ def _bound_of(
     e, s = unit_q[..., :3], unit_q[..., 3, None, None]
     rows = s * np.eye(3) + cross_matrix(e), -e[..., None, :]
     half_xi = 0.5 * np.concatenate(rows, axis=-2)
-    quaternion = half_xi @ rotation @ half_xi.mT
-    return AttitudeBound(rotation=rotation, quaternion=quaternion)
+    return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.mT)
 
 
 def _lost(B: Array, A: Array, r: Array, body: Array, reference: Array) -> Array:

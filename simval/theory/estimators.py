@@ -387,8 +387,7 @@ def _require_resolved(
 def _resolvent(K: Array, q: Array, top: float) -> Array:
     # pseudo-inverse of top - K, whose kernel is q
     values, vectors = np.linalg.eigh(top * np.eye(4) - K + top * np.outer(q, q))
-    inverse = (vectors / values) @ vectors.T
-    return inverse - np.outer(q, q) / top
+    return (vectors / values) @ vectors.T - np.outer(q, q) / top
 
 
 def _weights(weights: Any, n: int) -> Array:

@@ -214,8 +214,7 @@ def scaled_error_moments(
         mixed = C12[..., None, :, :]
         spread = spread + mixed @ B.mT @ mixed
     V = spread.reshape(flat) @ B.reshape(flat).mT
-    G = half + half.mT
-    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=G, mean=mean)
+    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=half + half.mT, mean=mean)
 
 
 def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
@@ -258,8 +257,7 @@ def quadratic_covariance(
 ) -> Float[Array, "... 4 4"]:
     """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean."""
     scaled = quadratic_form(q) @ P[..., None, :, :]
-    turned = _flat(scaled.mT)
-    return 2.0 * _flat(scaled) @ turned.mT
+    return 2.0 * _flat(scaled) @ _flat(scaled.mT).mT
 
 
 def paper_fourth_covariance(
@@ -280,8 +278,7 @@ def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "...
     # sum over c and d of G[d, a, c] T[b, c, d]
     by_a = _flat(np.moveaxis(_about_zero(moments), -3, -1))
     second_third = 2.0 * by_a @ _flat(T).mT
-    third = P @ _mean_cubic_gradient(q, P)
-    half = mixed + projector @ (second_third + third)
+    half = mixed + projector @ (second_third + P @ _mean_cubic_gradient(q, P))
     return paper_fourth_covariance(q, P) + bilinear + half + half.mT
 
 
@@ -458,8 +455,7 @@ def combined_moments(
     moved = np.matvec(changes, p[..., None, :]) / squared
     turned = np.vecmat(q[..., None, :], changes)
     spread = _weighted(noise, moved)
-    across = moved @ projector
-    P = across.mT @ spread @ projector
+    P = (moved @ projector).mT @ spread @ projector
     bent = np.sum(np.matvec(changes, _weighted(noise, turned)), axis=-2)
     bent = bent / squared[..., 0] - 2.0 * np.vecmat(np.matvec(moved, q), spread)
     bent = bent + np.vecmat(means.reshape(*means.shape[:-2], 12), moved)

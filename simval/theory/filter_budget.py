@@ -134,8 +134,7 @@ class Part(NamedTuple):
     def run(self, state: State, some: Places) -> tuple[State, Answer]:
         """State after the last row, and the answer at some rows."""
         P = covariances(self.told, state.P)
-        maps = self._maps(P[1:])
-        X, S = scan(maps, (state.X, state.S), carry_linear, apply_linear)
+        X, S = scan(self._maps(P[1:]), (state.X, state.S), carry_linear, apply_linear)
         last = State(P=P[-1], X=X[-1], S=S[-1])
         X = np.concatenate([state.X[None], X])
         S = np.concatenate([state.S[None], S])

@@ -357,8 +357,7 @@ def _skewed(
 ) -> Algebra:
     # the tables with (T1) as the means of degree three
     S = joint_third("third_moments", third_moments, count)
-    inverse = np.linalg.pinv(root, rcond=_NO_NOISE)
-    whitened = _turned(inverse, S)
+    whitened = _turned(np.linalg.pinv(root, rcond=_NO_NOISE), S)
     widest = np.linalg.norm(root, axis=1).max(initial=0.0)
     if not np.abs(_turned(root, whitened) - S).max() <= _OUTSIDE * widest**3:
         msg = (
