@@ -113,8 +113,7 @@ class VectorNoise:
             return np.broadcast_to(scaled, (len(vectors[0]), *scaled.shape))
         v = np.stack(vectors, axis=1)
         along = v / np.linalg.norm(v, axis=2, keepdims=True)
-        planes = np.eye(3) - outer(along, along)
-        return scaled @ planes
+        return scaled @ (np.eye(3) - outer(along, along))
 
     def roots(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
         """Symmetric root of each covariance; what times normal numbers is the noise."""

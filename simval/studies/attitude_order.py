@@ -156,8 +156,7 @@ def _slopes(
             off = getattr(found, part) - [getattr(each, part) for each in truths]
             gap = np.linalg.norm(off.reshape(len(levels), -1), axis=1)
             value, left, why = slope_of(levels, gap, norm, bent[order, part])
-            rows = exact(order_of(*of), value, slope, label, left)
-            yield from beyond(rows, why)
+            yield from beyond(exact(order_of(*of), value, slope, label, left), why)
             statistics = [error_of(*of, f"{level:.4g}") for level in levels]
             yield from unjudged(statistics, gap, predictor=label)
 

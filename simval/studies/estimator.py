@@ -556,8 +556,7 @@ def leading_rows(problem: Attitudes, rounding: float) -> Rows:
     rows += limit(stat.BELOW_BOUND(), below, most, stat.CRAMER_RAO, n=1)
     if problem.noise.isotropic and np.ptp(problem.noise.weights) and problem.weighs:
         given = problem.q, problem.references, problem.covariances(noise)
-        equal = np.trace(class_moments("wahba", *given)[1])
-        over = np.trace(covariance) / equal
+        over = np.trace(covariance) / np.trace(class_moments("wahba", *given)[1])
         rows += limit(
             stat.OVER_EQUAL_WEIGHTS(), over, 1.0 + most, stat.EQUAL_WEIGHTS, n=1
         )

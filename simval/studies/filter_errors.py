@@ -101,8 +101,7 @@ class Answers:
     @cached_property
     def error(self) -> Float[Array, "n i 3"]:
         """Attitude errors at the instants, rad."""
-        estimate = self.found.attitude[:, self.late]
-        return rotation_error(estimate, self.truth[self.late])
+        return rotation_error(self.found.attitude[:, self.late], self.truth[self.late])
 
     @cached_property
     def angle(self) -> Float[Array, "n i"]:

@@ -76,8 +76,7 @@ class Parameters(StudyParameters):
     def cost(self) -> Cost:
         """Cost of a cell: the fits of each pair."""
         passes = 1.0 if self.residual in ("squared", "adjusted") else 5.0
-        one = 2.4e-5 + passes * 4.8e-7 * self.poses
-        return Cost(self.trials * one, 30)
+        return Cost(self.trials * (2.4e-5 + passes * 4.8e-7 * self.poses), 30)
 
 
 def true_sensor(scale_spread: float) -> AccelerometerModel:

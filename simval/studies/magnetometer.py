@@ -188,9 +188,8 @@ class Scenario:
 
     def predicted(self) -> MagnetometerMoments:
         """Prediction of theory."""
-        dip = self.truth[-1]
         return magnetometer_moments(
-            *self.sensors, self.attitudes, dip, g=G, **self.told
+            *self.sensors, self.attitudes, self.truth[-1], g=G, **self.told
         )
 
     def equations(self) -> Float[Array, "m d"]:

@@ -185,8 +185,7 @@ def _grid(
     across = np.sin(theta)[..., None, :, None] * ring[..., None, :]
     directions = along[..., None] + across
     # component by component in memory, as what works on them wants it
-    flat = directions.reshape(*pole.shape, -1).mT
-    return flat, 2.0 * np.pi / count
+    return directions.reshape(*pole.shape, -1).mT, 2.0 * np.pi / count
 
 
 def _normals(u: Float[Array, "... 3"]) -> Float[Array, "... 3 2"]:
@@ -519,8 +518,7 @@ def _hermite_rule(d2: Array, variances: Array, axes: Array, count: int) -> Rule:
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
     weights = (w[:, None, None] * w[:, None] * w).ravel() / w.sum() ** 3
     kept = weights > 1e-22
-    scaled = grid[kept] * np.sqrt(variances)
-    return d2 + scaled @ axes.T, weights[kept]
+    return d2 + (grid[kept] * np.sqrt(variances)) @ axes.T, weights[kept]
 
 
 def _normalized(vectors: Array) -> Array:
@@ -537,8 +535,7 @@ def _moments_any(
 ) -> MeanAndCovariance:
     # bias and covariance from (E4), averaged over d2 or its directions
     maps, basis = direction_maps(_normalized(points))
-    z1 = np.concatenate([geometry.d1, geometry.s1])
-    m = maps @ z1
+    m = maps @ np.concatenate([geometry.d1, geometry.s1])
     if slope is not None:
         m = m + np.matvec(maps, (points - geometry.d2) @ slope.T)
     variances, axes = np.linalg.eigh(maps @ C1 @ maps.mT)

@@ -90,12 +90,11 @@ def algebra(dimension: int, degree: int) -> Algebra:
         for j, second in enumerate(monomials[: up_to[degree - len(first)]])
     ]
     left, right, target = np.array(triples).T
-    means = np.array([_normal_moment(monomial) for monomial in monomials])
     return Algebra(
         dimension=dimension,
         degree=degree,
         degrees=degrees,
-        means=means,
+        means=np.array([_normal_moment(monomial) for monomial in monomials]),
         left=left,
         right=right,
         target=target,

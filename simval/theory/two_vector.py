@@ -579,8 +579,7 @@ def turned_geometry(
     b1, b2 = np.matvec(matrix, r1), np.matvec(matrix, r2)
     d1, s1, d2 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2, (b2 - turn * r2) / 2
     q_turned = np.vecmat(q, back)  # orthogonal: the inverse is the transpose
-    scalar = np.vecdot(s1, d2)[..., None]
-    qbar = np.concatenate([cross(d1, d2), scalar], axis=-1)
+    qbar = np.concatenate([cross(d1, d2), np.vecdot(s1, d2)[..., None]], axis=-1)
     return TwoVectorGeometry(
         q=q_turned * np.sign(np.vecdot(q_turned, qbar))[..., None],
         d1=d1,
