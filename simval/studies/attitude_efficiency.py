@@ -22,7 +22,7 @@ docs/theory.md. A body vector that is too long by a share e turns `combined` by
 :math:`e^2 / (8 \sin^2\theta)` in 10,000 geometries, and half as much again is allowed.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, Final
 
@@ -208,13 +208,12 @@ def price_of_columns(
     return np.sqrt(1.0 + 4.0 * along / bound)
 
 
-def length_rows(problems: Truths) -> list[Row]:
+def length_rows(problems: Truths) -> Iterator[Row]:
     """Median and worst turn by a body vector that is too long, without noise."""
     q, vectors, _ = true_vectors(*problems)
     squared = np.sum(cross(problems[1], problems[2]) ** 2, axis=-1)
     first = 0.5 * TOO_LONG * np.sqrt(1.0 / squared - 1.0)
     left = TOO_LONG**2 * 1.5 / 8.0 / squared
-    rows: list[Row] = []
     for name, estimator in estimators(Parameters()).items():
         turns = []
         for k in range(2):
@@ -227,12 +226,11 @@ def length_rows(problems: Truths) -> list[Row]:
             if name == "combined":
                 at, off = pick(first), pick(first + left) - pick(first)
                 off = max(off, at - pick(first - left))
-                rows += exact(statistic, value, at, stat.FIRST_ORDER, off)
+                yield from exact(statistic, value, at, stat.FIRST_ORDER, off)
             elif name == "best of four":
-                rows += unjudged(statistic, value)
+                yield from unjudged(statistic, value)
             else:
-                rows += exact(statistic, value, 0.0, stat.EXACT, ROUNDED)
-    return rows
+                yield from exact(statistic, value, 0.0, stat.EXACT, ROUNDED)
 
 
 def _simulated(

@@ -227,7 +227,7 @@ def squares_of(
         means = np.array([sets[k].means for k in rows.tolist()])
         counts = np.array([sets[k].counts for k in rows.tolist()])
         fit = calibrate(means, g=g, noise_std=sensor.noise_std / np.sqrt(counts))
-        good = np.asarray(fit.converged)
+        good = fit.converged
         error = fit.parameters[good] - sensor.parameters
         squares[rows[good]] = normalised_squares(error, fit.covariance[good])
     return squares
@@ -319,12 +319,11 @@ def _artifact(
     threshold: float,
 ) -> Mapping[str, Array]:
     # what the report draws: times in s, readings in raw units
-    time = np.asarray(truth.time)
     return {
-        "time": time,
-        "signal": np.asarray(raw),
-        "intervals": time[intervals - [0, 1]],
-        "truth": time[runs_of(truth.still) - [0, 1]],
+        "time": truth.time,
+        "signal": raw,
+        "intervals": truth.time[intervals - [0, 1]],
+        "truth": truth.time[runs_of(truth.still) - [0, 1]],
         "variance": np.where(np.isfinite(spread), spread, np.nan),
         "threshold": np.array([threshold]),
     }
