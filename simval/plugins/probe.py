@@ -206,7 +206,7 @@ def probe_covariance(estimator: Estimator, exact: Exact, noise: VectorNoise) -> 
             hint = f'it fits side="{other}": declare that'
         msg = (
             f"the covariance of {estimator.name} is {off[side]:.3g} off, "
-            "relative, from that of its own errors at a noise of "
+            "relative, from the covariance of its own errors at a noise of "
             f"{SPREAD_NOISE:g}; {hint}"
         )
         raise PluginError(msg)
@@ -369,8 +369,8 @@ def probe_estimator(
     ):
         words = ", ".join(f"`{word}`" for word in estimator.reads)
         msg = (
-            f"{estimator.name} reads {words} and ignores it: its answers are the same "
-            "whatever it is told; use it, or leave it out of `reads`"
+            f"{estimator.name} reads {words} and ignores it: its answers do not "
+            "depend on it; use it, or leave it out of `reads`"
         )
         raise PluginError(msg)
     if estimator.covariance is not None:
@@ -421,9 +421,9 @@ def _require_rows_alone(
         most = allowed(own.vectors)[0]
         if not (off <= most and apart <= most * np.linalg.norm(spread[0])):
             msg = (
-                f"{estimator.name}: row {row} of a batch of {len(q)} is not what it is "
-                f"when alone: {off:.3g} rad from it, its covariance {apart:.3g} rad²; "
-                "each row must be an estimate by itself"
+                f"{estimator.name}: row {row} of a batch of {len(q)} differs from "
+                f"the same row alone, by {off:.3g} rad and its covariance by "
+                f"{apart:.3g} rad²; each row must be an estimate by itself"
             )
             raise PluginError(msg)
 

@@ -66,7 +66,7 @@ def json_object(who: str, printed: bytes) -> dict[str, Any]:
         answer = json.loads(printed, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         head = printed[:80].decode(errors="replace")
-        msg = f"{who} did not print one JSON object ({error}): {head!r}"
+        msg = f"{who} did not print a JSON object ({error}): {head!r}"
         raise PluginError(msg) from None
     if not isinstance(answer, dict):
         msg = f"{who} printed {type(answer).__name__}; print one JSON object"

@@ -331,8 +331,9 @@ def _check_frame(estimator: Estimator) -> None:
     dip = estimator.dip
     if estimator.reference is None and (estimator.vertical != "up" or dip is not None):
         msg = (
-            f"`vertical` is {estimator.vertical!r} and `dip` is {dip!r}; they say what "
-            "the vectors of a fixed frame are, so declare its `reference` as well"
+            f"`vertical` is {estimator.vertical!r} and `dip` is {dip!r}; both "
+            "describe the vectors of a fixed frame, so declare its `reference` "
+            "as well"
         )
         raise PluginError(msg)
     number = isinstance(dip, int | float) and not isinstance(dip, bool)

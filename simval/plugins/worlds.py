@@ -287,9 +287,9 @@ def require_signs(filter: Filter, told: Told, world: str, rate: float) -> None:
     last = {w: v[:, 0] if filter.batch else v for w, v in run.words.items()}
     if "bias" in last and ((found := last["bias"][0]) @ bias) < -CLEAR * (bias @ bias):
         msg = (
-            f"{filter.name} answers with the `bias` {_numbers(found)} rad/s where it "
-            f"is {_numbers(bias)}: return what the gyroscope reads at rest, so that "
-            "the rate is the reading less the bias"
+            f"{filter.name} answers with the `bias` {_numbers(found)} rad/s "
+            f"where it is {_numbers(bias)}: return what the gyroscope reads at "
+            "rest, so that the rate is the reading minus the bias"
         )
         raise PluginError(msg)
     if not larger:
@@ -376,9 +376,9 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     world = min(stay, key=(filter.world, *PREFERRED).index)
     if filter.world is None and len(stay) > 1 and not any_north:
         msg = (
-            f"{filter.name} stays where it is started in the worlds "
-            f"{' and '.join(map(str, stay))} alike, so its own cannot be found: "
-            "declare its `world`"
+            f"{filter.name} stays where it starts, in the worlds "
+            f"{' and '.join(map(str, stay))} alike, so its world cannot be "
+            "found: declare its `world`"
         )
         raise PluginError(msg)
     alike = tuple(name for name in PREFERRED if name in stay and name != world)

@@ -134,9 +134,9 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         estimates, self.places = plugin.estimates, list(places_of(plugin.estimates))
         if self.faces and estimates == ALL:
             msg = (
-                f"{plugin.name} estimates nine parameters, of which six faces of a "
-                'cube show six; use pose_set = "sphere", or declare in `estimates` '
-                "what it estimates"
+                f"{plugin.name} estimates nine parameters, but six faces of a cube "
+                'show only six of them; use pose_set = "sphere", or declare in '
+                "`estimates` what it estimates"
             )
             raise PluginError(msg)
         full = probe_sensor(estimates)
@@ -338,7 +338,7 @@ class Parameters(AlgorithmParameters):
         least = 9 if self.pose_set == "sphere" else FACES
         if self.poses < least or (self.pose_set == "faces" and self.poses % FACES):
             msg = (
-                f"`poses` is {self.poses}; of the sphere there must be 9 or more, of "
+                f'`poses` is {self.poses}; pose_set = "sphere" needs 9 or more, '
                 'pose_set = "faces" a multiple of 6'
             )
             raise ValueError(msg)

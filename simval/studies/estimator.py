@@ -425,8 +425,9 @@ def require_fitting(plugin: Estimator, vectors: int, noise: VectorNoise) -> None
         raise PluginError(msg)
     if plugin.reference is not None and not noise.exact_references:
         msg = (
-            f'{plugin.name} declares reference="{plugin.reference}", which it does not '
-            "measure, and `noise` gives the references noise; take one that does not"
+            f'{plugin.name} declares reference="{plugin.reference}", so its '
+            "references are exact, but `noise` gives them noise; choose a "
+            "noise that does not"
         )
         raise PluginError(msg)
 

@@ -67,7 +67,10 @@ class Counted:
         if power == 0.5:
             return self.sqrt()
         if power not in (2, 3, 4):
-            msg = f"power {power}; a root is ** 0.5, and products are written out"
+            msg = (
+                f"power {power} is not counted; write a root as ** 0.5, and "
+                "products as products"
+            )
             raise TypeError(msg)
         Counted.done["products"] += int(power) - 1
         return Counted(self.value**power)

@@ -166,8 +166,8 @@ def scenario_of(text: str) -> tuple[str, Wrong]:
     name, *parts = text.split(", ")
     if name not in NAMES:
         msg = (
-            f"`scenario` is {name[:60]!r}; it must be one of {', '.join(NAMES)}, and "
-            "what is wrong may follow after a comma"
+            f"`scenario` is {name[:60]!r}; it must be one of "
+            f"{', '.join(NAMES)}, and faults may follow after a comma"
         )
         raise InputError(msg)
     return name, wrong_of(parts)

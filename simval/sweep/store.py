@@ -251,9 +251,9 @@ def check_complete(database: sqlite3.Connection, folder: Path) -> None:
     for name, digest in _digests_of_files(folder).items():
         if known.get(name) != digest:
             msg = (
-                f"{folder / name} is not what the sweep wrote (its SHA-256 differs); "
-                "restore it from a copy, take it away, or write it again with "
-                "`simval sweep ... --resume`"
+                f"{folder / name} has changed since the sweep wrote it (its SHA-256 "
+                "differs); restore it from a copy, remove it, or write it again "
+                "with `simval sweep ... --resume`"
             )
             raise InputError(msg)
 

@@ -157,8 +157,8 @@ def expand(name: str, content: Grid) -> Suite:
     studies = [key for key in STUDIES if getattr(model, key) is not None]
     if not studies:
         msg = (
-            f"suite {name} names no study, so it would measure nothing; "
-            f"add a table for one of {', '.join(STUDIES)}"
+            f"suite {name} names no study, so it would measure nothing; add a "
+            f"table for one of {', '.join(STUDIES)}"
         )
         raise InputError(msg)
     _require_size(name, model)

@@ -165,8 +165,9 @@ def calibration_moments(
     if found.rank < PARAMETERS:
         helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
         msg = (
-            f"the {len(u)} directions have rank {found.rank} of {PARAMETERS}; nothing "
-            f"can be predicted for what they cannot observe: add ({helps})"
+            f"the {len(u)} directions have rank {found.rank} of {PARAMETERS}, "
+            "so some parameters cannot be observed and nothing can be "
+            f"predicted: add ({helps})"
         )
         raise GeometryError(msg)
     equations = _equations(model, u, g, sigma, residual, form)

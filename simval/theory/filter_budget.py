@@ -397,8 +397,9 @@ def _told(told: FilterModel, truth: FilterModel) -> FilterModel:
     ours, theirs = ([(s.name, *s.reference) for s in m.sensors] for m in (told, truth))
     if ours != theirs:
         msg = (
-            f"`told` has the sensors {[each[0] for each in ours]} and `truth` "
-            f"{[each[0] for each in theirs]}; names and references must be the same"
+            f"`told` has the sensors {[each[0] for each in ours]} but `truth` "
+            f"has {[each[0] for each in theirs]}; names and references must be "
+            "the same"
         )
         raise InputError(msg)
     return told

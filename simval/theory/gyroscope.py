@@ -469,9 +469,9 @@ def equations(
 def _bound(equations: Estimating) -> Float[Array, "p p"]:
     if equations.rank < len(equations.theta):
         msg = (
-            f"the rests and moves leave a combination of the {len(equations.theta)} "
-            f"parameters open (rank {equations.rank}): nothing can be predicted; add "
-            "poses and moves about other axes"
+            "the rests and moves do not determine a combination of the "
+            f"{len(equations.theta)} parameters (rank {equations.rank}), so "
+            "nothing can be predicted; add poses, and moves about other axes"
         )
         raise GeometryError(msg)
     return equations.bound

@@ -121,7 +121,7 @@ def problem_of(
         )
     ]
     if not all(np.all(each > 0.0) for each in noise):
-        msg = "a noise is 0, and the bound is then 0; give both sensors some noise"
+        msg = "a noise is 0, and then the bound is 0; give both sensors some noise"
         raise InputError(msg)
     up = turn[:, :, 2]
     along = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
@@ -155,7 +155,10 @@ def dip_angle(value: Any) -> float:
     """
     dip = real_number("dip", value, "rad")
     if not abs(dip) < np.radians(89.9):
-        msg = f"`dip` is {dip:g} rad; between -1.569 and 1.569 a field tells a heading"
+        msg = (
+            f"`dip` is {dip:g} rad; a field shows a heading only between -1.569 "
+            "and 1.569"
+        )
         raise InputError(msg)
     return dip
 

@@ -58,8 +58,9 @@ def flip_probability(
     values = [_line_integral(float(geometry.norm), linear, square, h) for h in _STEPS]
     if not abs(values[0] - values[1]) <= _TOLERANCE * values[1]:
         msg = (
-            f"two rules for the chance of a flipped sign differ: {values[0]:.3e} and "
-            f"{values[1]:.3e}; |qbar| is {geometry.norm:.2e}, so use another frame"
+            "two quadratures for the chance of a flipped sign differ: "
+            f"{values[0]:.3e} and {values[1]:.3e}; |qbar| is "
+            f"{geometry.norm:.2e}, so use another frame"
         )
         raise RefusedError(msg)
     return values[1]

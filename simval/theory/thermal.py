@@ -172,8 +172,9 @@ def plan_thermal(
     values = np.linalg.eigvalsh(told)
     if not values[0] > _FAINT * values[-1]:
         msg = (
-            f"{rests} rests of {len(u)} poses at {len(degrees)} temperatures do not "
-            "tell every term; give poses all over the sphere, or more rests"
+            f"{rests} rests of {len(u)} poses at {len(degrees)} temperatures do "
+            "not determine every term; give poses all over the sphere, or more "
+            "rests"
         )
         raise GeometryError(msg)
     # the noise of a row is 2 sigma / g; biases of the rows are in units of g

@@ -27,6 +27,7 @@ from simval.arrays import (
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.geometry import attitude_matrix, compose, cross, normalize
 from simval.shapes import Float, Int
+from simval.spelling import counted
 from simval.text import shown
 
 Index = tuple[int, ...]
@@ -51,8 +52,8 @@ def refuse_samples(
     msg = message(tuple(np.unravel_index(bad[0], shape)))
     if shape:
         msg = (
-            f"{len(bad)} of {np.size(good)} sample(s) cannot be used; the first is "
-            f"{place(bad[0], shape)}: {msg}"
+            f"{len(bad)} of {counted(np.size(good), 'sample')} cannot be used; "
+            f"the first is {place(bad[0], shape)}: {msg}"
         )
     raise kind(msg)
 
@@ -268,8 +269,8 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
     turned = value.transpose(1, 0, 2), value.mT
     if not max(np.abs(value - other).max() for other in turned) <= 1e-12 * scale:
         msg = (
-            f"`{name}` changes where two components are exchanged; a mean of products "
-            "does not, so give it symmetric in all three axes"
+            f"`{name}` changes if two components are exchanged, which a mean of "
+            "products does not; give it symmetric in all three axes"
         )
         raise InputError(msg)
     return value

@@ -339,14 +339,6 @@ def believed_range(dof: float) -> Float[Array, "2"]:
     return 2.0 * scipy.special.gammaincinv(dof / 2, [BELIEVED, 1.0 - BELIEVED])
 
 
-def overstated(factor: float) -> str:
-    """Say that residuals are less than the noise explains, by a factor."""
-    return (
-        f"residuals are {factor:.2f} times what the noise explains: the noise is "
-        "overstated, or the poses are not independent"
-    )
-
-
 class Drop(NamedTuple):
     """A drop of the sum of squares down to `rest`, which has `dof` freedoms."""
 

@@ -405,7 +405,7 @@ def _values(whole: Any) -> Iterator[Values]:
     yield accelerometer_values(fit, bound_sd(whole))
     sizes = {"accelerometer": (fit.g / fit.raw_per_g, "m/s²")}
     if own is not None:
-        facts = noise_facts(own.noise)[len(own.noise.sentences) :]
+        facts = noise_facts(own.noise)[bool(own.noise.words) :]
         chosen = (Fact("chosen", each) for each in whole.taken.reasons)
         G = whole.taken.G, whole.taken.G_sd
         yield gyroscope_values(own, *G, (*facts, *chosen))
@@ -536,7 +536,6 @@ def as_object(whole: Any) -> dict[str, Any]:
         "pose_noise": whole.pose_noise.source,
         "pose_noise_std": whole.pose_noise.std.tolist(),
         "pose_noise_white_std": whole.pose_noise.white.tolist(),
-        "verdict": diagnosis.verdict,
         "least_determined": diagnosis.least_determined.sentence,
         "outliers": list(diagnosis.outliers),
         "next_direction": whole.next_direction.tolist(),

@@ -273,7 +273,7 @@ def test_rests_that_creep_are_seen_and_cost_little(degrees, logs):
         cut = stats.chi2.isf([0.9995, 0.0005], 12 * logs)
         assert cut[0] < nees.sum() < cut[1]
         assert not cut[0] < 1.6 * nees.sum() < cut[1]
-        assert not any(each.noise.sentences for each in own)
+        assert not any(each.noise.words for each in own)
         seen = sum(
             "mean attitude of a rest" in " ".join(fit.recording.taken.reasons)
             for fit in fits
@@ -298,7 +298,7 @@ def test_bad_input_is_refused_in_words():
     nan[7, 1] = np.nan
     cases = [
         (spoilt(0, hole), RefusedError, "missing in each of the"),
-        (spoilt(0, back), InputError, "does not rise"),
+        (spoilt(0, back), InputError, "does not increase"),
         (spoilt(0, TIME[:-1]), InputError, "shape"),
         (spoilt(1, force[:-1]), InputError, "shape"),
         (spoilt(2, nan), InputError, "non-finite"),
