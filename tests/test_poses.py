@@ -120,5 +120,5 @@ def test_words():
 def test_bad_directions():
     with pytest.raises(InputError, match="index"):
         observability(np.vstack([cube_edges(), np.zeros(3)]))
-    with pytest.raises(InputError, match="non-finite"):
+    with pytest.raises(InputError, match="not finite"):
         observability(np.vstack([cube_edges(), [1.0, np.nan, 0.0]]))

@@ -179,8 +179,8 @@ def slope_of(
     value = fit[1] @ np.log(y)
     left = NEXT * bent**2 + AFTER + np.abs(fit[1]) @ (ROUNDING / norm / y)
     why = (
-        f"the next term is {bent:.2g} of the first that is left out; a slope is "
-        f"told up to {MOST_BENT:g}"
+        f"the next term is {bent:.2g} of the first that is left out; a "
+        f"slope can be measured up to {MOST_BENT:g}"
     )
     return value, left, why if not bent <= MOST_BENT else ""
 

@@ -67,7 +67,7 @@ from simval.studies.study import Cost, StudyParameters, described, ranged
 from simval.studies.trials import share_error
 from simval.units import PERCENT
 
-TITLE = "Diagnosis: are sound logs accused, and faults named?"
+TITLE = "Diagnosis: are sound logs left alone, and faults named?"
 SECTION = "diagnosis"
 
 SIZES: Final = (12.0, 50.0, 250.0)  # of a fault, times the noise of a mean
@@ -327,10 +327,10 @@ FIGURES = (
         compared=False,
         log_y=False,
         caption=(
-            "Share of the logs in which a fault is named, alone, over its size; a "
-            "change of what is read has none. What is not named is unnamed, named "
-            "together with what cannot be told apart from it, or, seldom, misnamed: "
-            "the table below has each."
+            "Share of the logs in which a fault is named, alone, over its "
+            "size; a change of the readings has no size. Other faults are "
+            "unnamed, named together with one that looks the same, or, seldom, "
+            "misnamed: the table below has each."
         ),
     ),
     Listing(
@@ -351,7 +351,7 @@ FIGURES = (
     ),
     Listing(
         name="diagnosis-sound",
-        caption="Sound logs that are accused, and that are asked about",
+        caption="Sound logs that are called faulty, and that misfit",
         rows=[stat.ACCUSED, stat.ASKED],
         keys={"logs": entry(0)},
         column=family_words,

@@ -213,7 +213,10 @@ class Parameters(AlgorithmParameters):
         1e-3, "Standard deviation of the first bias, rad/s per axis.", LEAST_NOISE, 0.1
     )
     start_std: float = ranged(
-        5e-3, "Standard deviation of the start told, rad per axis.", LEAST_NOISE, 0.5
+        5e-3,
+        "Standard deviation of the start that the filter gets, rad per axis.",
+        LEAST_NOISE,
+        0.5,
     )
     trials: int = ranged(256, "Trials; rounded up to whole blocks of 8.", BLOCK)
     time_limit: Seconds = described(600.0, "Wall time after which the cell fails, s.")
@@ -429,9 +432,9 @@ FIGURES = (
         floor=None,
         level=3.0,
         caption=(
-            "Normalised squared error of the attitude over time, mean over the trials: "
-            "3 for an honest covariance. Above, a filter is overconfident; below, its "
-            "errors are smaller than it says."
+            "Normalised squared error of the attitude over time, mean over the "
+            "trials: 3 if the covariance is right. Above, a filter is "
+            "overconfident; below, its errors are smaller than it says."
         ),
     ),
     replace(

@@ -174,9 +174,9 @@ FIGURES = (
         lines=entries,
         panels=lambda row: row.statistic.entries[0].partition("_")[0],
         caption=(
-            "Standard deviation of each parameter and of each linear coefficient, and "
-            "the Cramér-Rao bound: a span of temperatures twice as wide tells the "
-            "coefficients twice as well."
+            "Standard deviation of each parameter and of each linear "
+            "coefficient, and the Cramér-Rao bound: a span of temperatures "
+            "twice as wide halves the errors of the coefficients."
         ),
     ),
 )

@@ -42,7 +42,9 @@ from simval.theory.filter_settings import (
     honest_settings,
 )
 
-TITLE = "What a filter is told: does prediction hold, and is what is found right?"
+TITLE = (
+    "Settings of a filter: does the prediction hold, and are the settings found right?"
+)
 SECTION = "settings"
 
 BLOCK = 8  # trials; part of the promise of equal bits
@@ -190,7 +192,7 @@ def setting_rows(found: FilterSettings | None) -> Rows:
 
 _OVER_ERROR = Figure(
     name="told-nees",
-    asked="What must a filter be told so that its covariance is right?",
+    asked="Which settings make a filter's covariance right?",
     says="The normalised squared error, of which 3 is right: {each}.",
     rows=[stat.NEES()],
     along="gyroscope_error",

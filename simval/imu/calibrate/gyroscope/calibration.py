@@ -97,9 +97,10 @@ def require_told(
     else:
         fault = f"leave a relative error of {sd:.2g}, {SD_LIMIT:g} at most"
     msg = (
-        f"the {len(rows) // 2} rotations {fault}: they do not tell {missing(found)}; "
-        f"from the last rest turn by {np.degrees(angle):.0f} degrees about the axis "
-        f"({named}) of the sensor and rest again, and so on with other axes"
+        f"the {len(rows) // 2} rotations {fault}: they do not determine "
+        f"{missing(found)}; from the last rest turn by "
+        f"{np.degrees(angle):.0f} degrees about the axis ({named}) of the "
+        "sensor and rest again, and so on with other axes"
     )
     raise GeometryError(msg)
 
