@@ -19,7 +19,7 @@ from hashlib import sha256
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array, Places
@@ -76,7 +76,7 @@ from simval.studies.plugin import (
     outcome,
     run,
 )
-from simval.studies.study import LEAST_NOISE, Cost, ranged
+from simval.studies.study import LEAST_NOISE, Cost, described, ranged
 from simval.theory import FilterPrediction
 from simval.units import COUNT, DEGREE
 
@@ -185,12 +185,12 @@ class Parameters(AlgorithmParameters):
     problem = Filtering
     no_noise = ("algorithm", "scenario", "time_limit")
 
-    algorithm: PluginName = Field(
-        default=REFERENCE, description="FILE.py, FILE.py:NAME or an entry point."
+    algorithm: PluginName = described(
+        REFERENCE, "FILE.py, FILE.py:NAME or an entry point."
     )
-    scenario: Annotated[str, AfterValidator(spelled)] = Field(
-        default="gimbal slow",
-        description="What happens (docs/filters.md), then after commas what is wrong: "
+    scenario: Annotated[str, AfterValidator(spelled)] = described(
+        "gimbal slow",
+        "What happens (docs/filters.md), then after commas what is wrong: "
         '"gimbal slow, scale 1e-3".',
     )
     rate: float = ranged(
@@ -219,9 +219,7 @@ class Parameters(AlgorithmParameters):
         0.5,
     )
     trials: int = ranged(256, "Trials; rounded up to whole blocks of 8.", BLOCK)
-    time_limit: Seconds = Field(
-        default=600.0, description="Wall time after which the cell fails, s."
-    )
+    time_limit: Seconds = described(600.0, "Wall time after which the cell fails, s.")
 
     def cost(self) -> Cost:
         """Cost of a cell: a filter of many trials at once, or one by one."""
