@@ -401,7 +401,9 @@ class _Both(NamedTuple):
     alone: bool = False  # one has terms, and of the other no temperature is known
 
 
-def _at_one_temperature(first: "_File", second: "_File", sensor: str) -> _Both:
+def _at_one_temperature(
+    first: "_StatedFile", second: "_StatedFile", sensor: str
+) -> _Both:
     """Bring a sensor with terms in temperature to where both files have been.
 
     Raises
@@ -467,7 +469,9 @@ def _moved(state: State, own: Term, degrees: float) -> State:
     )  # fmt: skip
 
 
-def _of_gravity(first: "_File", second: "_File") -> tuple["_File", "_File", str, bool]:
+def _of_gravity(
+    first: "_StatedFile", second: "_StatedFile"
+) -> tuple["_StatedFile", "_StatedFile", str, bool]:
     """Both with what gravity adds to a difference, what to say, and if g is doubted."""
     a, b, said = first.g, second.g, ""
     if a.std and a == b:
@@ -489,7 +493,7 @@ def _of_gravity(first: "_File", second: "_File") -> tuple["_File", "_File", str,
     return first, second, said, a.g != b.g and not (a.std and b.std)
 
 
-def _apart(first: "_File", second: "_File", sensor: str) -> str:
+def _apart(first: "_StatedFile", second: "_StatedFile", sensor: str) -> str:
     """Why a sensor of one file or both cannot be compared; nothing if it can."""
     a, b = first.states.get(sensor), second.states.get(sensor)
     if a is None or b is None:
@@ -515,7 +519,7 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _File:
+class _StatedFile:
     """What a file states, and what it has more than is compared."""
 
     form: Model  # of the accelerometer's parameters; the other sensors have its axes
@@ -526,13 +530,13 @@ class _File:
     g: Gravity
     doubts: tuple[str, ...]  # of its bars, by its own checks
 
-    def at_known_gravity(self) -> "_File":
+    def at_known_gravity(self) -> "_StatedFile":
         """Return the same without what the uncertainty of gravity adds."""
         own = replace(self.states["accelerometer"], gravity=0.0)
         return replace(self, states=self.states | {"accelerometer": own})
 
 
-def _read(path: Path, form: Model | None = None) -> _File:
+def _read(path: Path, form: Model | None = None) -> _StatedFile:
     """Read a file, its accelerometer in a form if one is given."""
     fit, models, warm = load_calibration(path), load_others(path), load_thermal(path)
     if not fit.converged:
@@ -561,7 +565,7 @@ def _read(path: Path, form: Model | None = None) -> _File:
         strength = "a field of 1 for its strength, which is another elsewhere"
         more |= {strength} if own.size == 1.0 else set()
     checks = data.get("judgements")
-    return _File(
+    return _StatedFile(
         form=fit.model,
         states=states,
         more=more,

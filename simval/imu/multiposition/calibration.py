@@ -20,7 +20,7 @@ import numpy as np
 
 from simval.account import Account, Told
 from simval.arguments import choice
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import (
     Calibration,
@@ -68,7 +68,7 @@ from simval.vocabulary import Iteration, Loss, Method, Model, Residual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LogCalibration(Told):
+class LogCalibration(Told, ReadOnly):
     """Calibration of a log: its rests, its accelerometer and the sensors beside it.
 
     Attributes
@@ -151,9 +151,6 @@ class LogCalibration(Told):
     field_noise: PoseNoise | None = None
     thermal_reasons: tuple[str, ...] = ()
     units: Mapping[str, Scale] = default(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "next_direction", frozen(self.next_direction))
 
     @property
     def account(self) -> Account:

@@ -30,7 +30,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.equations import Between, Corrected, Errors
+from simval.imu.calibrate.equations import Between, Corrected, Variances
 from simval.imu.calibrate.goodness_of_fit import Beside
 from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
 from simval.imu.calibrate.gyroscope.result import NAMES
@@ -149,7 +149,7 @@ class InterRest:
             Beside(self.name, "matrix", V[2]),
         )
 
-    def beside(self, variances: Errors) -> Self:
+    def beside(self, variances: Variances) -> Self:
         """The same with such errors beside its noise."""
         return replace(
             self, noise=self.noise.beside(variances[self.name, "rotations"]),

@@ -19,10 +19,10 @@ from simval.imu.calibrate.accelerometer import require_noise
 from simval.imu.calibrate.covariance import repeated_poses, repeated_words
 from simval.imu.calibrate.equations import (
     Accelerometer,
-    Errors,
     Magnetometer,
     Prior,
     Problem,
+    Variances,
 )
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.gauss_newton import residuals
@@ -293,7 +293,7 @@ def _weighed(
     # one set by the noise that its residuals ask for, where it is more than stated
     problem = block.scaled.problem
 
-    def fit(_: _Block, variances: Errors) -> _Block:
+    def fit(_: _Block, variances: Variances) -> _Block:
         return fitted(block.scaled._replace(problem=problem.beside(variances)))
 
     def rows(last: _Block) -> Residuals:
