@@ -257,10 +257,7 @@ def calibrate_log(
         if warm.fit is not None:
             log = at_reference(log, accelerometer=warm.thermal)
             poses = interval_means(log.accelerometer, intervals)
-            fit = calibrate(
-                poses, g, model, method=method, full_scale=full_scale, step=step,
-                iteration=iteration,
-            )  # fmt: skip
+            fit = fitted(poses, residual="squared")
             fit = _with_terms(fit, warm.fit, std)
             further = warm.fit.slopes[:, 9:] * (1.0 if std is None else std[:, None])
         if warm.rests is not None:
