@@ -30,7 +30,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from simval.arguments import choice, instance, whole_number
+from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import calibrate
@@ -160,7 +160,6 @@ def fit(
     known: FitResult | None = None,
     estimator: Weighting = "joint",
     start: Any = None,
-    max_iterations: int = 100,
 ) -> Calibration:
     """Calibrate a gyroscope, a magnetometer or both, with their accelerometer.
 
@@ -181,8 +180,6 @@ def fit(
         squares.
     start : array_like, optional
         M of the gyroscope to start from, (3, 3); found by itself if not given.
-    max_iterations : int, default 100
-        Most steps for a trial of a magnetometer.
 
     Returns
     -------
@@ -216,7 +213,6 @@ def fit(
     for name in named:
         choice("sensors", name, OTHERS)
     estimator = choice("estimator", estimator, ESTIMATORS)
-    most = whole_number("max_iterations", max_iterations, 1)
     if start is not None:
         start = physical_array("start", start, (3, 3))
     missing = [name for name in named if name not in there]
@@ -244,7 +240,7 @@ def fit(
         if name == "gyroscope":
             parts[name] = _with_gyroscope(part, estimator, start)
         else:
-            parts[name] = _with_magnetometer(part, known, most)
+            parts[name] = _with_magnetometer(part, known)
     return together(recording, parts)
 
 
@@ -279,11 +275,9 @@ def _with_gyroscope(
     return _with_errors_of_terms(recording, fitted)
 
 
-def _with_magnetometer(
-    recording: Recording, known: FitResult | None, most: int
-) -> Calibration:
+def _with_magnetometer(recording: Recording, known: FitResult | None) -> Calibration:
     def fitted(means: Recording) -> Calibration:
-        found = fit_magnetometer(means, known, most)
+        found = fit_magnetometer(means, known)
         own = means.accelerometer
         return _of_two(
             means, found, found.parameters, accelerometer=own, magnetometer=found
