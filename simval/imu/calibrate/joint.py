@@ -438,7 +438,7 @@ def _numbers(
     whole[:, :free, :free] = here.covariance()[0]
     last = np.arange(free, COUNT)
     whole[:, last, last] = turns.noise.bias_std[: len(last)] ** 2
-    poses, (M, B) = theta[:, :PARAMETERS], turns.split(theta[:, PARAMETERS:])
+    poses, own = theta[:, :PARAMETERS], theta[:, PARAMETERS:]
     inner = whole[:, :PARAMETERS, :PARAMETERS]
     natural = natural_sd(problem.accelerometer.model, poses, here.at, inner)
     values, _ = scaled.physical(poses, inner)
@@ -446,14 +446,12 @@ def _numbers(
     slope[:, :PARAMETERS] = scaled.sizes
     slope[:, DIP] = 1.0 / np.cos(values[:, DIP])
     whole *= slope[:, :, None] * slope[:, None, :]
-    parameters = np.concatenate(
-        [values, M.reshape(t, 9), B + turns.inter_rest.centre], axis=1
-    )
+    parameters = np.concatenate([values, turns.parameters(own)], axis=1)
     return {
         "parameters": parameters[:, _ORDER],
         "covariance": whole[:, _ORDER[:, None], _ORDER],
         "half_width": NORMAL_95 * natural.max(axis=1),
-        "residual_angles": turns.angles(here.at, theta[:, PARAMETERS:]),
+        "residual_angles": turns.angles(here.at, own),
         "chi2": np.array(here.chi_square),
     }
 

@@ -161,6 +161,11 @@ class InterRest:
         B = theta[:, 9:] if self.size == 12 else self.noise.bias_value
         return theta[:, :9].reshape(-1, 3, 3), B
 
+    def parameters(self, theta: Array) -> Float[Array, "t 12"]:
+        """M row by row and B, raw units."""
+        M, B = self.split(theta)
+        return np.concatenate([M.reshape(-1, 9), B + self.inter_rest.centre], axis=1)
+
     def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
         """Linearised residuals, eq. (N6), and of the bias over the rate."""
         (w, v), E = self._compared(at), self._axes(at)
