@@ -62,7 +62,7 @@ def command(
     as_json: AsJson = False,
     verbose: Annotated[
         bool,
-        "Print all: every digit and unit, and what each answer rests on.",
+        "Print everything: every digit and unit, and what each answer rests on.",
     ] = False,
 ) -> None:
     """Measure the noise model of a LOG of a sensor at rest.
@@ -70,9 +70,8 @@ def command(
     Prints white noise N, flicker B and random walk K of each axis with their errors in
     the units of data sheets (--verbose: in SI units and Kalibr's, too), and where the
     log shows one, Markov noise, a ramp or a sine. What it does not show gets an upper
-    bound. The whole
-    log is used if it is at rest, otherwise its longest rest. A gyroscope or a
-    magnetometer may be alone: the rests are then found by its own readings.
+    bound. The whole log is used if it is at rest, otherwise its longest rest. A log may
+    also have a gyroscope or a magnetometer alone; its own readings then show the rests.
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
     from simval.imu.logs import read_log
@@ -110,13 +109,16 @@ def command(
     else:
         show(account, verbose=verbose)
     if not any(axis.coefficients for each in sensors for axis in each.axes):
-        msg = f"{path}: no axis has a noise model; the reasons stand with each axis"
+        msg = f"{path}: no axis has a noise model; the reason for each is above"
         raise RefusedError(msg)
 
 
 def _require_present(name: str, unit: str | None, rows: Any, path: Path) -> None:
     if unit is not None and rows is None:
-        msg = f"`--{name}-unit` is given, and {path} has no {name}; name its columns"
+        msg = (
+            f"`--{name}-unit` is given, but {path} has no {name}; leave it out, "
+            "or name its columns (--columns)"
+        )
         raise InputError(msg)
 
 

@@ -33,7 +33,7 @@ from simval.plugins.attitudes import (
     tail,
 )
 from simval.plugins.child import answered, where_it_lives
-from simval.plugins.noise import VectorNoise, vector_noise
+from simval.plugins.noise import VectorNoise, Vectors, vector_noise
 from simval.plugins.protocol import (
     ANSWERS,
     BatchCalibrator,
@@ -73,7 +73,7 @@ def ended(name: str, error: BaseException, where: str = "") -> PluginError:
 def answers(
     estimator: Estimator,
     function: Callable[..., Any],
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None,
     *more: Any,
 ) -> list[Any]:
@@ -125,7 +125,7 @@ def stacked(estimator: Estimator, vectors: list[Any]) -> list[Any]:
 
 def handed(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None,
 ) -> dict[str, Array]:
     """Extra arguments that an estimator asked for, by name."""
@@ -151,7 +151,7 @@ def _row(
 
 def quaternions_of(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n 4"]:
     """Estimate attitudes and bring them to the package's convention."""
@@ -175,7 +175,7 @@ def quaternions_of(
 @where_it_lives
 def raw_attitudes(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n ..."]:
     """Answers in the estimator's own convention; rows need not be attitudes."""
@@ -203,7 +203,7 @@ def other_form(found: Shape, required: Shape) -> str:
 
 @where_it_lives
 def covariances_of(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
+    estimator: Estimator, vectors: Vectors, noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
     """Ask an estimator for its covariances."""
     name, one = estimator.name, (3, 3)
@@ -277,7 +277,7 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
             part[:] = np.maximum(part, LEAST_SCALE * part.max(axis=1, keepdims=True))
         i, j = np.triu_indices(each.shape[-1], 1)
         skew = np.abs(each[:, i, j] - each[:, j, i])
-        sound: Mask = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
+        sound = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
         sound &= finite_rows(each)
         sound &= (variances >= NEGATIVE * std**2).all(1)
         sound &= (variances[:, :definite] > 0.0).all(1)
@@ -289,8 +289,8 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
         size = std[:, :, None] * std[:, None, :]
         safe = np.where(size > 0.0, size, 1.0)
         scaled = np.where(sound[:, None, None], each / safe, np.eye(each.shape[-1]))
-    least: Mask = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
-    first: Mask = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0
+    least = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
+    first = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0
     return sound & least & first
 
 
@@ -305,13 +305,13 @@ def require_covariances(name: str, each: Float[Array, "n p p"]) -> None:
 
 def _covariance_fault(word: str, P: Float[Array, "p p"]) -> str:
     """Say what is wrong of a covariance that is finite and not sound."""
-    apart = float(np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300))
+    apart = np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300)
     if apart > ASYMMETRY:
         return (
             f"`{word}` that is not symmetric, by {apart:.2g} of its greatest entry; "
             "update it symmetrically, or return (P + P.T) / 2"
         )
-    least = float(np.linalg.eigvalsh((P + P.T) / 2.0)[0])
+    least = np.linalg.eigvalsh((P + P.T) / 2.0)[0]
     return (
         f"`{word}` that is not positive definite: its least eigenvalue is {least:.3g}; "
         "a variance is above zero in each direction (Joseph's form keeps it so)"
@@ -432,7 +432,7 @@ def _require_class(
     scaled = "scale" in estimates
     fixed = np.diag(np.diagonal(matrix)) if scaled else np.diag(FIXED[3:6])
     off = np.abs(matrix - fixed)
-    if not float(off.max()) <= ROUNDING * float(np.abs(fixed).max()):
+    if not off.max() <= ROUNDING * np.abs(fixed).max():
         row, column = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
         msg = (
             f"{name} estimates {' and '.join(estimates)}, so its matrix must be "

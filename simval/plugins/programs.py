@@ -66,7 +66,7 @@ def json_object(who: str, printed: bytes) -> dict[str, Any]:
         answer = json.loads(printed, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         head = printed[:80].decode(errors="replace")
-        msg = f"{who} did not print one JSON object ({error}): {head!r}"
+        msg = f"{who} did not print a JSON object ({error}): {head!r}"
         raise PluginError(msg) from None
     if not isinstance(answer, dict):
         msg = f"{who} printed {type(answer).__name__}; print one JSON object"
@@ -321,7 +321,7 @@ def log_of(poses: Float[Array, "n 3"], noise_std: float) -> Float[Array, "m 4"]:
     seed = np.ascontiguousarray(poses, dtype=np.float32).view(np.uint32)
     rng = np.random.default_rng(seed.ravel())
     rest, move = round(REST * RATE), round(MOVE * RATE)
-    sigma = max(noise_std * np.sqrt(rest), QUIET * float(np.abs(poses).max()))
+    sigma = max(noise_std * np.sqrt(rest), QUIET * np.abs(poses).max())
     s = np.linspace(0.0, 1.0, move)[:, None]
     rows = []
     for pose, following in zip(poses, [*poses[1:], poses[-1]], strict=True):

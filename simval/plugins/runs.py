@@ -128,9 +128,9 @@ def require_no_memory(
     distinct = len(np.unique(first[:, np.isfinite(allowed).all(axis=0)], axis=0))
     if distinct < DISTINCT * len(first):
         msg = (
-            f"{name} gives {distinct} different answers to {len(first)} trials of "
-            "different noise: each must be estimated from its own readings, and be "
-            "neither a constant nor kept from one call to the next"
+            f"{name} gives {distinct} different answers to {len(first)} trials "
+            "with different noise: estimate each from its own readings, and "
+            "keep nothing from one call to the next"
         )
         raise PluginError(msg)
     rng = np.random.default_rng(20_275)
@@ -140,9 +140,10 @@ def require_no_memory(
         if not np.all(apart <= 1.0):
             count = int(np.sum(~np.all(apart <= 1.0, axis=1)))
             msg = (
-                f"{name} answers {count} of {len(places)} trials otherwise when they "
-                "are asked again in another order: keep nothing from one call to the "
-                "next, and in a batch let no row depend on its place or on the others"
+                f"{name} answers {count} of {len(places)} trials differently when "
+                "they are asked again in another order: keep nothing from one call "
+                "to the next, and in a batch let no row depend on its place or on "
+                "the others"
             )
             raise PluginError(msg)
 
@@ -219,8 +220,9 @@ def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
     update = getattr(found, "update", found)
     if not callable(update):
         msg = (
-            f"`make` of {filter.name} returned {type(found).__name__}, which cannot be "
-            "stepped; it must return an object with `update`, or that function itself"
+            f"`make` of {filter.name} returned {type(found).__name__}, which "
+            "has no `update`; return an object with `update`, or that function "
+            "itself"
         )
         raise PluginError(msg)
     close = getattr(found, "close", None)
@@ -335,8 +337,8 @@ def _require_unchanged(
         if not same.all():
             row = rows.start + int(np.argmin(same))
             msg = (
-                f"{filter.name} changes its input: the {name}'s reading is another "
-                f"after the step {place(readings, row)}; work on a copy"
+                f"{filter.name} changes its input: the reading of the {name} is "
+                f"different after the step {place(readings, row)}; work on a copy"
             )
             raise PluginError(msg)
 
@@ -385,9 +387,9 @@ def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> No
     if not off.max() <= ALONE:
         row = int(off.argmax())
         msg = (
-            f"{filter.name}: the first of {batch.lead[0]} trials is not what it is "
-            f"alone, by {off[row]:.3g} rad {place(batch, row)}; the trials of a batch "
-            "must not depend on each other"
+            f"{filter.name}: the first of {batch.lead[0]} trials differs from "
+            f"the same trial alone, by {off[row]:.3g} rad {place(batch, row)}; "
+            "the trials of a batch must not depend on each other"
         )
         raise PluginError(msg)
 
@@ -415,11 +417,11 @@ def _difference(filter: Filter, before: Run, now: Run) -> tuple[int, str] | None
         same = np.equal(values, other).reshape(len(values), -1).all(axis=1)
         if same.all():
             continue
-        apart = f"{float(np.abs(values - other).max()):.2g}"
+        apart = f"{np.abs(values - other).max():.2g}"
         if word == "attitude":
             own = tail(filter.components)
             q = [own_quaternions(filter, a.reshape(-1, *own)) for a in (values, other)]
-            apart = f"{float(attitude_error(*q).max()):.2g} rad"
+            apart = f"{attitude_error(*q).max():.2g} rad"
         found.append((int(np.argmin(same)), f"`{word}` by up to {apart}"))
     return min(found, default=None)
 

@@ -173,7 +173,7 @@ class _Board:
         """Name the scene, the time and the arrows on a card."""
         felt = f"specific force {np.linalg.norm(caption.force):.2f} m/s"
         axes = [*zip("xyz", AXES, strict=True), ("axes of the sensor", INK)]
-        lines: list[tuple[float, Words]] = [
+        lines = [
             (LARGE, [(f"{caption.title}, t = {caption.time:.2f} s", INK)]),
             (SMALL, axes),
             (SMALL, [("f", FORCE), (felt, INK)]),

@@ -50,8 +50,8 @@ def require_rows(count: int) -> None:
     """Refuse a run of more than `MOST_ROWS`, which would not fit into memory."""
     if not count <= MOST_ROWS:
         msg = (
-            f"the run would have {count} rows, at most {MOST_ROWS} fit into memory; "
-            "ask for fewer or shorter rests, or for a larger timestep"
+            f"the run would have {count} rows, and at most {MOST_ROWS} fit into "
+            "memory; ask for fewer or shorter rests, or for a larger timestep"
         )
         raise InputError(msg)
 
@@ -81,7 +81,7 @@ def pose_directions(poses: object) -> Float[Array, "k 3"]:
         return fibonacci_sphere(whole_number("poses", poses, 1, MOST_POSES))
     given = normalize(finite_array("poses", poses, (None, 3)))
     if given.ndim != 2 or len(given) == 0:
-        msg = f"`poses` has shape {given.shape}; (k, 3) with k of 1 or more"
+        msg = f"`poses` has shape {given.shape}; give (k, 3), with k of 1 or more"
         raise InputError(msg)
     return given
 

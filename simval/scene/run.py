@@ -272,7 +272,10 @@ def write_script(
         msg = f"the driver of scene {scene.name} returned {kind}, not a Script"
         raise InputError(msg)
     if len(script.hold) < 2:
-        msg = f"scene {scene.name} lasts {len(script.hold)} steps; two at least needed"
+        msg = (
+            f"scene {scene.name} lasts {len(script.hold)} steps; at least two "
+            "are needed"
+        )
         raise InputError(msg)
     require_rows(len(script.hold))
     return script
@@ -389,7 +392,7 @@ def simulate_many(
         If a run fails a check, or one of its rests moves.
     """
     if len(parameter_sets) == 0:
-        msg = "no set of parameters is given; one run at least is needed"
+        msg = "no set of parameters is given; give at least one"
         raise InputError(msg)
     chosen = find_scene(scene)
     physics = load_model(chosen.model, site_offset, timestep, integrator)
@@ -411,7 +414,7 @@ def simulate_many(
             if len(each.script.hold) != len(first.script.hold):
                 msg = (
                     f"run {number} lasts {len(each.script.hold)} rows and the first "
-                    f"{len(first.script.hold)}; all must be of one length"
+                    f"run {len(first.script.hold)}; all must have the same length"
                 )
                 raise InputError(msg)
         rollout = roll_out(physics.model, [each.script for each in plans], threads)

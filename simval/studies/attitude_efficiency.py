@@ -228,7 +228,7 @@ def length_rows(problems: Truths) -> list[Row]:
             turns.append(attitude_error(estimator(*longer), q))
         for what, pick in (("median", np.median), ("worst", np.max)):
             statistic = stat.LENGTH_TURN(name, what, unit="rad")
-            value = float(max(pick(each) for each in turns))
+            value = max(pick(each) for each in turns)
             if name == "combined":
                 at, off = pick(first), pick(first + left) - pick(first)
                 off = max(off, at - pick(first - left))
@@ -277,13 +277,13 @@ def ratio_rows(
     """Median and worst of the RMS errors over the q-method's, by theory and drawn."""
     rows: list[Row] = []
     for what, pick in (("median", np.median), ("worst", np.max)):
-        ratio, at = stat.RMS_RATIO(name, what), float(pick(predicted))
+        ratio, at = stat.RMS_RATIO(name, what), pick(predicted)
         if name in ("combined", "optimal"):
-            closed = float(pick(price))
+            closed = pick(price)
             rows += exact(ratio, at, closed, stat.CLOSED_FORM, ROUNDED)
         elif name != "TRIAD":
             rows += unjudged(ratio, at, predictor=stat.FIRST_ORDER)
-        value = float(pick(simulated))
+        value = pick(simulated)
         # that of the geometry which it is, or is next to
         near = error[np.argmin(np.abs(simulated - value))]
         rows += unjudged(
@@ -301,10 +301,10 @@ def _scale_row(
 ) -> Rows:
     # from the spread of the trials in each geometry: the geometries are fewer, and
     # their spread has fewer degrees of freedom than `verdict.freedom` takes
-    error = float(np.sqrt(np.sum(errors**2))) / len(errors)
+    error = np.sqrt(np.sum(errors**2)) / len(errors)
     found = (
         stat.SQUARED_ERROR(name),
-        float(np.mean(squares)),
+        np.mean(squares),
         error,
         len(squares) * trials,
     )

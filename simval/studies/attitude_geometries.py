@@ -104,7 +104,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         values = np.quantile(found, list(QUANTILES.values()))
         statistics = stat.LEADING_ERROR_RATIO.each(QUANTILES)
         rows += unjudged(statistics, values, predictor=label)
-        rows += unjudged(stat.NEARER(), float(np.mean(found < 1.0)), predictor=label)
+        rows += unjudged(stat.NEARER(), np.mean(found < 1.0), predictor=label)
     artifact = dict(zip(COMPARED, ratios.T, strict=True))
     name = artifact_of(parameters.model_dump())
     return Outcome(rows=tuple(rows), artifacts={name: artifact})

@@ -152,12 +152,12 @@ def _crossing(ratios: Array, off: Array, limit: float) -> float:
     # between two ratios the log of the error is linear in the log of the ratio
     reached = np.flatnonzero(off >= limit)
     if reached.size == 0:
-        return float(ratios[-1])
+        return ratios[-1]
     i = int(reached[0])
     if i == 0:
-        return float(ratios[0])
+        return ratios[0]
     step = np.log(limit / off[i - 1]) / np.log(off[i] / off[i - 1])
-    return float(ratios[i - 1] * (ratios[i] / ratios[i - 1]) ** step)
+    return ratios[i - 1] * (ratios[i] / ratios[i - 1]) ** step
 
 
 FIGURES = (

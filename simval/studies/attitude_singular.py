@@ -83,7 +83,14 @@ from simval.studies.noise_kinds import (
 )
 from simval.studies.response import Expanded, beside, curved
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged
-from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, root, trials_of
+from simval.studies.trials import (
+    Block,
+    Trials,
+    drawn_rows,
+    mean_of,
+    root,
+    trials_of,
+)
 from simval.theory.attitude import (
     Order,
     attitude_moments,
@@ -247,7 +254,7 @@ class Setting:
 
     def beside(self, share: float) -> Float[Array, "4"]:
         """The singular attitude turned about n by (SC1), of |qbar| over |n|."""
-        return compose(turn(self.n, share / float(self.singular[3])), self.singular)
+        return compose(turn(self.n, share / self.singular[3]), self.singular)
 
     def chords(self, name: str, *vectors: Array) -> Float[Array, "n 3"]:
         """Errors of a remedy: twice the vector part, of the scalar's sign."""
@@ -360,7 +367,7 @@ class Setting:
         whole, half = (self.by_cubature(first, level) for level in (1.0, 0.5))
         left = 2.0 * np.abs(whole - 4.0 * half) / 0.75
         for (name, C), rest in zip(first.items(), left, strict=True):
-            found[name] = float(np.trace(C)), stat.FIRST_ORDER, float(rest)
+            found[name] = np.trace(C), stat.FIRST_ORDER, float(rest)
         return found
 
     def turns_of(self, frame: Column, normalized: bool = False) -> Array:
@@ -389,7 +396,7 @@ class Setting:
         pairs = [(squares(one + h) + squares(one - h)) / 2.0 for h in steps]
         return np.sum(pairs, axis=0) - 3.0 * middle
 
-    def trial(self, rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(self, rng: np.random.Generator) -> Block:
         """A block of trials: errors of all remedies, and their noise."""
         noise = rng.standard_normal((4, BLOCK, 3))
         drawn = noise * tails(self.parameters.noise, (4, BLOCK, 1), rng)
@@ -480,11 +487,11 @@ def _border_rows(setting: Setting) -> Iterator[Row]:
     """Step of Table 1's answer across the borders of the case, without noise."""
     tau, r1, r2 = setting.border, setting.r1, setting.r2
     direct = partial(case_quaternion, tolerance=tau)
-    sines = {"to regular": tau / float(setting.singular[3])}
+    sines = {"to regular": tau / setting.singular[3]}
     if setting.parameters.case == "A":
         # the longer difference is the half angle's sine times the sine to the axis
         axis = normalize(r1 + r2)
-        sines["to D"] = tau / float(np.linalg.norm(np.cross(axis, [r1, r2]), axis=1)[0])
+        sines["to D"] = tau / np.linalg.norm(np.cross(axis, [r1, r2]), axis=1)[0]
     for name, sine in sines.items():
         sides = (
             turn(axis, k * sine) if name == "to D" else setting.beside(k * tau)
@@ -492,7 +499,7 @@ def _border_rows(setting: Setting) -> Iterator[Row]:
         )
         answers = [direct(*vectors_of(q, r1, r2)) for q in sides]
         yield from exact(
-            stat.STEP(name), float(attitude_error(*answers)), 2.0 * np.arcsin(sine),
+            stat.STEP(name), attitude_error(*answers), 2.0 * np.arcsin(sine),
             stat.EXACT, 1e-5 * sine + SAME,
         )  # fmt: skip
 
@@ -545,7 +552,7 @@ def _table_rows() -> Iterator[Row]:
     r1, r2 = np.tile(pairs, (len(attitudes), 1, 1)).swapaxes(0, 1)
     vectors = [*np.moveaxis(vectors_of(q, r1, r2), 1, 0)]
     singular = np.abs(column_norms(q, r1, r2)) <= SAME
-    turned: Any = partial(turn_is_singular, tolerance=SAME)
+    turned = partial(turn_is_singular, tolerance=SAME)
     by_table = [partial(turned, axis=k)(*vectors) for k in range(3)]
     wrong = {
         "Table 1": attitude_error(case_quaternion(*vectors), q) > SAME,
@@ -553,7 +560,7 @@ def _table_rows() -> Iterator[Row]:
         "sequential": attitude_error(sequential_quaternion(*vectors).q, q) > SAME,
     }
     for name, each in wrong.items():
-        share = float(np.mean(each))
+        share = np.mean(each)
         yield from limit(stat.FAILURES(name), share, 0.0, stat.TRUTH, n=each.size)
 
 

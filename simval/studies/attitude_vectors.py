@@ -201,7 +201,7 @@ class Setting:
         sizes = self.noise_std.reshape(-1, 1, 1) ** 2
         noise = self.covariances = sizes * noise_covariances(self.kind, vectors)
         bound = wahba_bound(self.q, self.references, noise)
-        self.bound = float(np.trace(bound.rotation))
+        self.bound = np.trace(bound.rotation)
         self.weights = {"weighted": 1.0 / self.std**2, "equal weights": np.ones(n)}
         moments = {
             name: wahba_moments(self.q, self.references, noise, weights)
@@ -217,8 +217,7 @@ class Setting:
                     self.q, r1, r2, noise, 2, frame, normalized=self.normalized
                 )
         self.predicted = {
-            name: 4.0 * float(np.trace(moment.covariance))
-            for name, moment in moments.items()
+            name: 4.0 * np.trace(moment.covariance) for name, moment in moments.items()
         }
 
     def estimates(self, body: Float[Array, "t n 3"]) -> dict[str, Array]:
@@ -268,7 +267,7 @@ class Setting:
         normal = np.cross(self.body[0], self.body[1])
         displacement = np.zeros((self.n, 3))
         displacement[1] = normalize(np.cross(normal, self.body[1]))
-        return shift * float(np.hypot(*self.std[:2])) * displacement
+        return shift * np.hypot(*self.std[:2]) * displacement
 
     def apart(self, shift: float) -> float:
         """Non-centrality of the loss under such a turn."""
@@ -311,7 +310,7 @@ class Setting:
     def sine(self) -> float:
         """How well the vectors fix the turn that they fix worst; 1 of many."""
         seen = self.n * np.eye(3) - self.body.T @ self.body
-        return float(np.sqrt(min(np.linalg.eigvalsh(seen)[0], 1.0)))
+        return np.sqrt(min(np.linalg.eigvalsh(seen)[0], 1.0))
 
     def draw(
         self, count: int, rng: np.random.Generator
@@ -399,7 +398,7 @@ def left_out(parameters: Parameters, shift: float = 0.0) -> Float[Array, " m"]:
 
 def unequal(weights: Float[Array, " n"]) -> float:
     """Rounding of unit vectors, as much as unequal weights magnify it."""
-    return float(weights.max() / weights.min()) * float(np.finfo(float).eps)
+    return (weights.max() / weights.min()) * float(np.finfo(float).eps)
 
 
 def why_outside(left: float, mean: float) -> str:
@@ -471,7 +470,7 @@ def _estimator_rows(
         )
         own += beyond(row, why_outside(off[j], 3.0))
         turn = known.take(slice(3 * k, 3 * k + 3))
-        variance = float(np.trace(turn.covariance)) / predicted
+        variance = np.trace(turn.covariance) / predicted
         linear.append((np.sum(turn.first**2, axis=1) / predicted, variance))
         solved = np.linalg.solve(turn.covariance, turn.first.T).T
         normal.append((np.vecdot(turn.first, solved), 3.0))
@@ -498,10 +497,10 @@ def _test_rows(
     square.
     """
     freedom, n = 2 * setting.n - 3, len(losses)
-    threshold = float(scipy.special.chdtri(freedom, FALSE_ALARM))
+    threshold = scipy.special.chdtri(freedom, FALSE_ALARM)
 
     def share(apart: float, more: float = 0.0) -> float:
-        return 1.0 - float(scipy.special.chndtr(threshold + more, freedom, apart))
+        return 1.0 - scipy.special.chndtr(threshold + more, freedom, apart)
 
     (mean, variance), (of_mean, of_square) = setting.loss_moments(shift), off[-2:]
     of_variance = (of_square + 2.0 * mean * of_mean) / variance

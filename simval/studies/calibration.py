@@ -33,6 +33,7 @@ from simval.arrays import Array, frozen
 from simval.figures import Figure, Headline, Listing, Quote, entries, of_calibration
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
+from simval.moments import deviations
 from simval.montecarlo import Sums, along, mean_square, moments_of
 from simval.poses import PARAMETERS, observability
 from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
@@ -41,7 +42,7 @@ from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, STEP, Expanded, apart, beside, response
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, noise_row, root, trials_of
+from simval.studies.trials import Block, drawn_rows, noise_row, root, trials_of
 from simval.theory.calibration import (
     EVEN,
     CalibrationMoments,
@@ -155,7 +156,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     quiet = np.random.default_rng(0)  # draws nothing
     clean, felt = (true_sensor(0.0).distort(f, quiet) for f in (means, forces))
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         readings = sensor.distort(np.broadcast_to(forces, (BLOCK, *forces.shape)), rng)
         raw = np.full(readings.shape[2], 1.0 / readings.shape[2]) @ readings
         fit = calibrate(raw, g=g, covariance=False)
@@ -228,7 +229,7 @@ def _moment_rows(
     measured, n, names = moments_of(sums), sums.samples, predicted.names
     sd, expected = measured.sd, predicted.sd
     variance_error = np.diagonal(measured.covariance_error)
-    share = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    share = (deviations(predicted.cramer_rao) / sd) ** 2
     return [
         *plain(
             stat.BIAS.each(names, UNITS), measured.bias, measured.bias_error, n,
@@ -240,7 +241,7 @@ def _moment_rows(
         ),
         *unjudged(
             stat.EFFICIENCY.each(names), share, share * variance_error / sd**2, n,
-            (np.sqrt(np.diagonal(predicted.cramer_rao)) / expected) ** 2,
+            (deviations(predicted.cramer_rao) / expected) ** 2,
             stat.FIRST_ORDER,
         ),
     ]  # fmt: skip
@@ -287,7 +288,7 @@ def _group_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         weight[part, part] = np.eye(3) / 3.0
         found = root(*mean_square(sums, weight))
         for predictor, matrix in _theories(predicted).items():
-            expected = float(np.sqrt(np.trace(weight @ matrix)))
+            expected = np.sqrt(np.trace(weight @ matrix))
             yield from unjudged(
                 stat.RMS(name, unit=unit), *found, sums.samples, expected, predictor
             )
@@ -312,22 +313,22 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         (stat.RMS("all"), all_nine, stat.CRAMER_RAO),
         (stat.RMS_OVER_BOUND(), over, stat.FIRST_ORDER),
     ):
-        expected = float(np.sqrt(weight @ np.diagonal(_theories(predicted)[by])))
+        expected = np.sqrt(weight @ np.diagonal(_theories(predicted)[by]))
         found = root(*mean_square(sums, np.diag(weight)))
         yield from unjudged(statistic, *found, n, expected, by)
     for name, part, unit in GROUPS:
         each = np.zeros(9)
         each[part] = 1.0 / 3.0
-        expected = float(np.sqrt(each @ predicted.sd**2))
+        expected = np.sqrt(each @ predicted.sd**2)
         left = expected * predicted.variance_remainder / 2.0
         found = root(*along(sums, np.diag(each)))
         yield from unjudged(
             stat.SPREAD(name, unit=unit), *found, n, expected, stat.FIRST_ORDER, left
         )
-        size = float(np.sqrt(each @ predicted.bias**2))
+        size = np.sqrt(each @ predicted.bias**2)
         if size > 0.0:  # else there is nothing to project on
             weight = each * predicted.bias / size
-            left = float(np.abs(weight) @ predicted.bias_remainder)
+            left = np.abs(weight) @ predicted.bias_remainder
             found = along(sums, weight)
             yield from unjudged(
                 stat.BIAS_ALONG(name, unit=unit),

@@ -28,7 +28,7 @@ from simval.streams import Streams
 from simval.studies.calibration import G, response_rows, true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
-    Kept,
+    Block,
     drawn_rows,
     mean_of,
     share_error,
@@ -94,7 +94,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         sensor, directions, G, parameters.noise_std, parameters.residual
     )
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = parameters.noise_std * rng.standard_normal((BLOCK, *clean.shape))
         fit = calibrate(
             clean + noise,
@@ -154,5 +154,5 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def nees_quantile(level: float, dof: int | None) -> float:
     """Value that the NEES exceeds with probability 1 - level."""
     if dof is None:
-        return float(2.0 * scipy.special.gammaincinv(4.5, level))
-    return float(9.0 * scipy.special.fdtri(9, dof, level))
+        return 2.0 * scipy.special.gammaincinv(4.5, level)
+    return 9.0 * scipy.special.fdtri(9, dof, level)

@@ -202,7 +202,7 @@ class Rests(NamedTuple):
 
     def moved(self, noise_std: float) -> float:
         """What that may add to a normalised square."""
-        return float(np.sum(self.counts * (self.off / noise_std) ** 2))
+        return np.sum(self.counts * (self.off / noise_std) ** 2)
 
 
 def squares_of(
@@ -228,7 +228,7 @@ def squares_of(
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
     """Simulate a scene, or read it from the cache, and thin it to the rate of a log."""
-    setting: dict[str, Any] = {"poses": poses, "hold_time": 2.0}
+    setting = {"poses": poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):
         setting["first_hold"] = 5.0
     return thinned(simulate_cached(scene, **setting))
@@ -339,7 +339,7 @@ def known_rests(multiplier: float, window: int, trim: int) -> KnownRests:
     length = first - 6 * window
     scale = (first - 2 * half) / (first - 2 * half - 1) / ((window + 1) / window)
     near = np.sqrt(multiplier * scale * (1.0 + NEAR * np.array([-1.0, 1.0])))
-    amplitudes = [1.0, 1.0, float(near[0]), float(near[1]), 1.0]
+    amplitudes = [1.0, 1.0, near[0], near[1], 1.0]
     levels = 25.0 * np.array(
         [[0, 0, 4], [3, -1, 2], [-2, 3, 1], [1, 1, 1], [-4, 0, 1]], dtype=float
     )
@@ -350,7 +350,7 @@ def known_rests(multiplier: float, window: int, trim: int) -> KnownRests:
         if k != 3:  # which is above the threshold
             intervals.append([at + half + trim, at + count - half - trim])
             means.append(level)
-        parts += [_alternating(move, MOVE * float(near[1]))]
+        parts += [_alternating(move, MOVE * near[1])]
         at += count + move
     return KnownRests(np.concatenate(parts), np.array(intervals), np.array(means))
 

@@ -198,7 +198,7 @@ def as_counted(k: int, of: int, n: int) -> int:
 
 
 def _held(what: Statistic, hits: Sequence[bool], most: Most, predictor: str) -> Rows:
-    n, share = len(hits), float(np.mean(hits))
+    n, share = len(hits), np.mean(hits)
     if most(n) < n:
         return limit(what, share, most(n) / n, predictor, n)
     return unjudged(what, share, share_error(share, n), n)
@@ -231,7 +231,7 @@ def _sound_rows(trials: int, streams: Streams) -> Iterator[Row]:
 
 
 def _known_rows(n: int, rng: Random) -> Rows:
-    mean = float(np.mean([judge(_of_known_noise(rng)).chance for _ in range(n)]))
+    mean = np.mean([judge(_of_known_noise(rng)).chance for _ in range(n)])
     error = (12.0 * n) ** -0.5  # of the uniform law
     return plain(stat.MEAN_CHANCE(), mean, error, n, 0.5, stat.EXACT)
 

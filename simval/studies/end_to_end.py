@@ -46,7 +46,7 @@ from simval.studies.calibration import true_sensor
 from simval.studies.detector import detect, known_rest_rows, logged, pure, thinned
 from simval.studies.magnetometer import true_magnetometer
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, mean_of, root, trials_of
+from simval.studies.trials import Block, drawn_rows, mean_of, root, trials_of
 from simval.theory.magnetometer import RANGE, Problem, equations_of, problem_of
 from simval.theory.propagation import PARTS, UP, Wanted, calibration_parts, carrier
 
@@ -119,7 +119,7 @@ class Scenario:
         self.sensors: Sensors = (true_sensor(0.0), true_magnetometer())
         self.tumble, self.wanted = thinned(trajectory), wanted
         self.attitude = trajectory.attitude[every]
-        self.dip = float(-np.arcsin(normalize(trajectory.magnetic)[2]))
+        self.dip = -np.arcsin(normalize(trajectory.magnetic)[2])
         field = normalize(trajectory.magnetic_field[every])
         self.log = np.stack(self.felt(self.tumble.force, field))
         self.rests = self.felt(wanted.force, wanted.field)
@@ -264,7 +264,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     drawn: list[Readings] = []
     sensor = true_sensor(force_std)
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         raw = sensor.distort(scenario.tumble.force, rng)
         drawn.append(scenario.drawn(raw, noise, mean_std, rng))
         moved = np.sum(~pure(drawn[-1].intervals, scenario.tumble.still))

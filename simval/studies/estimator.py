@@ -228,7 +228,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         )
         chosen = self.choice(noise, DEGREE) + self.choice(noise, DEGREE - 2)
         left = mean[:3].max() + chosen[0], covariance[:3, :3].max() + chosen[1]
-        least = float(np.trace(self.bound(noise)))
+        least = np.trace(self.bound(noise))
         rows = [
             *limit(stat.PROBE(unit="rad"), probed, TOLERANCE, stat.TRUTH, n=1),
             *failure_rows(self),
@@ -262,7 +262,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     @property
     def sine(self) -> float:
         """Sine between its references, by which rounding turns an estimate more."""
-        return TOLERANCE / float(allowed([v[None] for v in self.truth])[0])
+        return TOLERANCE / allowed([v[None] for v in self.truth])[0]
 
     @property
     def weighs(self) -> bool:
@@ -292,7 +292,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             C, along = self.roots[i] @ self.roots[i], self.truth[i]
             plane = np.linalg.svd(along[None])[2][1:]  # two directions across
             least = np.linalg.eigvalsh(plane @ C @ plane.T)[0]
-            total += float(np.linalg.norm(plane @ C @ along) / least)
+            total += np.linalg.norm(plane @ C @ along) / least
         return total
 
     def covariances(self, noise_std: float) -> Float[Array, "m 3 3"]:
@@ -311,7 +311,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def drawn(self, count: int, rng: np.random.Generator) -> Float[Array, "count m 3"]:
         """Vectors of some trials."""
         normal = rng.standard_normal((count, *self.truth.shape))
-        noise: Array = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
+        noise = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
         return self.truth + noise
 
     def first_block(self) -> Float[Array, "n m 3"]:
@@ -394,7 +394,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def weights(self) -> float:
         """Sum of the sizes of the weights of cubature: what rounding grows by."""
         _, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
-        return float(np.abs(weights).sum())
+        return np.abs(weights).sum()
 
     @property
     def scatter(self) -> float:
@@ -425,8 +425,9 @@ def require_fitting(plugin: Estimator, vectors: int, noise: VectorNoise) -> None
         raise PluginError(msg)
     if plugin.reference is not None and not noise.exact_references:
         msg = (
-            f'{plugin.name} declares reference="{plugin.reference}", which it does not '
-            "measure, and `noise` gives the references noise; take one that does not"
+            f'{plugin.name} declares reference="{plugin.reference}", so its '
+            "references are exact, but `noise` gives them noise; choose a "
+            "noise that does not"
         )
         raise PluginError(msg)
 
@@ -516,18 +517,17 @@ def bias_rows(
 ) -> Rows:
     """Bias by cubature, and the most that is of second order."""
     mean, covariance = predicted
-    unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
+    unresolved = 2.0 * np.linalg.norm((mean - coarser[0])[:3])
     small = problem.noise.small(SMALL).noise_std
     rounding = SMALL_ROUNDING * max(1.0, problem.weights / WEIGHTS)
     longer = 1.0 + problem.coupling
     chosen = [problem.choice(h, DEGREE)[0] for h in (problem.noise_std, small)]
     most = (
-        longer * float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
-        longer * float(np.trace(problem.bound(small))) + rounding,
+        longer * np.trace(covariance[:3, :3]) + unresolved + TOLERANCE,
+        longer * np.trace(problem.bound(small)) + rounding,
     )
     biases = [
-        float(np.linalg.norm(bias[:3]))
-        for bias in (mean, problem.cubature(small, DEGREE)[0])
+        np.linalg.norm(bias[:3]) for bias in (mean, problem.cubature(small, DEGREE)[0])
     ]
     families = (stat.CUBATURE_BIAS(), stat.CUBATURE_BIAS_SMALL())
     return limit(families, biases, np.add(most, chosen), stat.SECOND_ORDER, n=1)
@@ -547,16 +547,16 @@ def leading_rows(problem: Attitudes, rounding: float) -> Rows:
     bias = A @ (16.0 * half[0] - whole[0])[:3] / 3.0
     covariance = A @ ((16.0 * half[1] - whole[1])[:3, :3] / 3.0) @ A.T
     bound = problem.bound(noise)
-    size = float(np.trace(bound))
+    size = np.trace(bound)
     most = LEADING_TOLERANCE + 5.0 * weights * rounding / np.sqrt(size)
-    first = float(np.linalg.norm(linear)) / np.sqrt(size)
+    first = np.linalg.norm(linear) / np.sqrt(size)
     below = max(0.0, 1.0 - _least_ratio(covariance, bound))
     rows = limit(stat.FIRST_ORDER_BIAS(), first, most, stat.NO_BIAS, n=1)
     rows += limit(stat.BELOW_BOUND(), below, most, stat.CRAMER_RAO, n=1)
     if problem.noise.isotropic and np.ptp(problem.noise.weights) and problem.weighs:
         given = problem.q, problem.references, problem.covariances(noise)
-        equal = float(np.trace(class_moments("wahba", *given)[1]))
-        over = float(np.trace(covariance)) / equal
+        equal = np.trace(class_moments("wahba", *given)[1])
+        over = np.trace(covariance) / equal
         rows += limit(
             stat.OVER_EQUAL_WEIGHTS(), over, 1.0 + most, stat.EQUAL_WEIGHTS, n=1
         )
@@ -568,8 +568,8 @@ def leading_rows(problem: Attitudes, rounding: float) -> Rows:
     for predictor, mean, spread in _predictions(problem, noise, A):
         # which is the bound's size or more, where it is the theory of an estimator
         most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
-        off = float(np.linalg.norm(covariance - spread) / most_spread)
-        apart = float(np.linalg.norm(bias - mean)) / size, off
+        off = np.linalg.norm(covariance - spread) / most_spread
+        apart = np.linalg.norm(bias - mean) / size, off
         rows += limit(
             (stat.CLASS_BIAS(), stat.CLASS_COVARIANCE()), apart, limits, predictor, n=1
         )
@@ -604,4 +604,4 @@ def _least_ratio(covariance: Float[Array, "3 3"], bound: Float[Array, "3 3"]) ->
     """Least variance of any direction over the bound of its variance."""
     root = np.linalg.cholesky(bound)
     half = np.linalg.solve(root, covariance)
-    return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[0])
+    return np.linalg.eigvalsh(np.linalg.solve(root, half.T))[0]

@@ -89,14 +89,14 @@ def series_rows(
     """Rows of simulated moments against power series of orders 2 and 4."""
     mean, covariance = cubature[0][:3], cubature[1][:3, :3]
     left = (
-        2.0 * float(np.abs(mean - fourth.bias).max()),
-        2.0 * float(np.abs(covariance - fourth.covariance).max()),
+        2.0 * np.abs(mean - fourth.bias).max(),
+        2.0 * np.abs(covariance - fourth.covariance).max(),
     )
     rows: Rows = ()
     for theory, name in ((second, stat.ORDER_2), (fourth, stat.ORDER_4)):
         apart = (
-            float(np.abs(theory.bias - fourth.bias).max()) + left[0],
-            float(np.abs(theory.covariance - fourth.covariance).max()) + left[1],
+            np.abs(theory.bias - fourth.bias).max() + left[0],
+            np.abs(theory.covariance - fourth.covariance).max() + left[1],
         )
         rows += moment_rows(measured, theory.bias, theory.covariance, name, apart)
     return rows
@@ -122,8 +122,8 @@ def size_rows(
     fine, coarse = (moments[0][SQUARES] for moments in cubatures)
     if chosen > 0.0:
         coarse = fine + np.abs(coarse - fine) + np.array([chosen / 2.0, 0.0])
-    efficiency = least / float(fine[0])
-    left = 2.0 * abs(efficiency - least / float(coarse[0]))
+    efficiency = least / fine[0]
+    left = 2.0 * abs(efficiency - least / coarse[0])
     return (
         *unjudged(
             stat.RMS(unit="rad"), *root(square, error), n,
@@ -147,12 +147,12 @@ def _tail_row(
     The trials' own is no measure: rare ones that are far off make both great.
     """
     mean, covariance = cubature
-    fine = float(mean[SQUARES][0])
-    gaussian = 2.0 * float(np.sum(covariance[:3, :3] ** 2))
-    variance = max(gaussian, float(covariance[SQUARES, SQUARES][0, 0]))
+    fine = mean[SQUARES][0]
+    gaussian = 2.0 * np.sum(covariance[:3, :3] ** 2)
+    variance = max(gaussian, covariance[SQUARES, SQUARES][0, 0])
     return plain(
         stat.SQUARED_ERROR(), square / fine, np.sqrt(variance / n) / fine, n,
-        1.0, stat.CUBATURE, 2.0 * abs(1.0 - float(coarse[0]) / fine),
+        1.0, stat.CUBATURE, 2.0 * abs(1.0 - coarse[0] / fine),
     )  # fmt: skip
 
 
@@ -168,7 +168,7 @@ def _difference_rows(
     def difference(squares: Float[Array, "2"]) -> float:
         # a cubature has negative weights: of what jumps its sum may be negative, too
         own, other = np.sqrt(np.maximum(squares, 0.0))
-        return float(own - other)
+        return own - other
 
     measured = moments_of(sums)
     squares = measured.bias[SQUARES]
@@ -192,9 +192,9 @@ def unit_rows(truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]) -> Rows:
     # with the truth's sign
     error = truth - np.copysign(1.0, attitudes @ truth)[:, None] * attitudes
     estimate = truth - error
-    off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())
-    square = float(np.mean(np.sum(error * error, axis=1)))
-    defect = unit_length_defect(square, float(truth @ error.mean(axis=0)))
+    off = np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max()
+    square = np.mean(np.sum(error * error, axis=1))
+    defect = unit_length_defect(square, truth @ error.mean(axis=0))
     most = unit_length_rounding(square, off)
     n = len(attitudes)
     return limit(stat.UNIT_LENGTH("simulated"), abs(defect), most, stat.ROUNDING, n)
@@ -202,7 +202,7 @@ def unit_rows(truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]) -> Rows:
 
 def claim_off(moments: MeanAndCovariance) -> float:
     """Relative error of the mean normalised square, whose true value is 3."""
-    return float(moments[0][3]) / 3.0 - 1.0
+    return moments[0][3] / 3.0 - 1.0
 
 
 def claim_rows(

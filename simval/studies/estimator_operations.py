@@ -36,7 +36,7 @@ from simval.plugins.attitudes import (
     tail,
 )
 from simval.plugins.child import where_it_lives
-from simval.plugins.noise import VectorNoise
+from simval.plugins.noise import VectorNoise, Vectors
 from simval.plugins.probe import TOLERANCE, Exact, allowed
 from simval.results import Rows, limit, unjudged
 from simval.shapes import Float, Int
@@ -67,7 +67,10 @@ class Counted:
         if power == 0.5:
             return self.sqrt()
         if power not in (2, 3, 4):
-            msg = f"power {power}; a root is ** 0.5, and products are written out"
+            msg = (
+                f"power {power} is not counted; write a root as ** 0.5, and "
+                "products as products"
+            )
             raise TypeError(msg)
         Counted.done["products"] += int(power) - 1
         return Counted(self.value**power)
@@ -164,7 +167,7 @@ def rounding_rows(plugin: Estimator, vectors: int, noise: VectorNoise) -> Rows:
 
 @where_it_lives
 def _counted(
-    plugin: Estimator, vectors: list[Float[Array, "n 3"]]
+    plugin: Estimator, vectors: Vectors
 ) -> tuple[Float[Array, "n ..."], Int[Places, "n 4"]]:
     """Answers of `arithmetic`, one row at a time, and the operations of each."""
     assert plugin.arithmetic is not None

@@ -58,6 +58,7 @@ from simval.studies.filter_scenarios import (
     UNKNOWN,
     Course,
     Imperfect,
+    Simulated,
     Wrong,
     course,
     drawn,
@@ -114,7 +115,7 @@ class Filtering(Problem[Filter, str, Answers]):
         self.told = told_of(parameters, self.way)
 
     @cached_property
-    def draws(self) -> list[tuple[FilterInput, Float[Array, "n T 3"]]]:
+    def draws(self) -> list[Simulated]:
         """Readings and biases of each block of trials."""
         given = self.way, self.sensors, self.told, BLOCK
         return [
@@ -271,8 +272,7 @@ def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
         gyroscope_noise=float(np.radians(parameters.angle_random_walk)),
         gyroscope_walk=parameters.rate_random_walk,
         accelerometer_noise=parameters.accelerometer_noise * way.g,
-        magnetometer_noise=parameters.magnetometer_noise
-        * float(np.linalg.norm(way.magnetic)),
+        magnetometer_noise=parameters.magnetometer_noise * way.strength,
         start_std=UNKNOWN if parameters.anywhere else parameters.start_std,
         bias_std=parameters.bias_std,
         M=wrong.M,
@@ -298,7 +298,7 @@ def answers_of(
     plugin: Filter,
     world: str,
     way: Course,
-    draws: Sequence[tuple[FilterInput, Float[Array, "n T 3"]]],
+    draws: Sequence[Simulated],
 ) -> Answers:
     """Answers to the readings of each block, whose biases are beside them."""
     kept, late = instants(len(way.dt))
@@ -372,7 +372,7 @@ def measured_rows(
 
 def moved(cause: str, square: float, law: str = "theory") -> str:
     """Why a law does not hold: an estimate is moved too far; empty where it holds."""
-    by = float(np.sqrt(max(square, 0.0)))
+    by = np.sqrt(max(square, 0.0))
     why = f"{cause} may move an estimate by {by:.2g} standard deviations; {law}"
     return f"{why} holds up to {MOST_MOVED:g}" if by > MOST_MOVED else ""
 

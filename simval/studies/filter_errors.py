@@ -168,8 +168,8 @@ def error_rows(
     estimate, truth = answers.found.attitude[:, late], answers.truth[late]
     heading, inclination = heading_and_inclination(estimate, truth)
     square = np.linalg.trace(bound)
-    whole, least = float(np.sqrt(square.mean())), np.sqrt(square)
-    over = OVER + float(np.mean(left))
+    whole, least = np.sqrt(square.mean()), np.sqrt(square)
+    over = OVER + np.mean(left)
     check = partial(plain, remainder=over * whole) if judged else unjudged
     rms, error, n = root_mean_square(angle)
     rows = [
@@ -181,9 +181,9 @@ def error_rows(
     most = np.maximum(SETTLED * least, ENOUGH)
     settled = settled_at(angle, answers.time[late], most)
     ended = np.isfinite(settled)
-    rows += unjudged(stat.SETTLING_TRIALS(), float(ended.mean()), 0.0, len(settled))
+    rows += unjudged(stat.SETTLING_TRIALS(), ended.mean(), 0.0, len(settled))
     if ended.any():
-        middle = float(np.median(settled[ended]))
+        middle = np.median(settled[ended])
         rows += unjudged(stat.SETTLING(), middle, 0.0, int(ended.sum()))
     shown, at = answers.shown()
     return (
@@ -228,23 +228,23 @@ def consistency_rows(
     theory has it of right settings, `least`, by what averages leave out of the turns.
     """
     rows: list[Row] = []
-    pairs_left = RELATIVE + float(np.mean(bends(left, 0.0)))
+    pairs_left = RELATIVE + np.mean(bends(left, 0.0))
     for statistic, dimension, squares in answers.squares:
         mean, of = mean_of_trials(squares), (float(dimension), stat.CHI_SQUARE)
         turns = added(least, statistic, dimension) if least else np.zeros(1)
         more = turns + bends(left, turns)
-        may = RELATIVE * dimension + float(more.mean())
+        may = RELATIVE * dimension + more.mean()
         check = partial(nees, remainder=may) if judged else unjudged
         rows += check(statistic, *mean, *of)
         if statistic == stat.NIS():  # the sum of two alike has it twice
-            pairs_left += 2.0 * float(turns.mean()) / dimension
+            pairs_left += 2.0 * turns.mean() / dimension
         if judged and statistic.family == stat.NEES:
-            worst = float(np.abs(instant_scores(squares, dimension)).max())
+            worst = np.abs(instant_scores(squares, dimension)).max()
             name = statistic.entries[0] if statistic.entries else ATTITUDE
             n = len(squares)
             # about a mean that is not 0 a square spreads more
-            most = WORST * np.sqrt(1.0 + 2.0 * float(turns.max()) / dimension)
-            most += float(more.max()) * np.sqrt(n / (2.0 * dimension))
+            most = WORST * np.sqrt(1.0 + 2.0 * turns.max() / dimension)
+            most += more.max() * np.sqrt(n / (2.0 * dimension))
             rows += limit(stat.WORST_INSTANT(name), worst, most, stat.CHI_SQUARE, n)
         if statistic == stat.NEES():
             rows += at_each_row(stat.NEES_AT, answers, squares, mean_of_trials)
@@ -267,13 +267,13 @@ def predicted_rows(
     Judged where the whole error stays small enough for the first order.
     """
     moment = np.linalg.trace(theory.second_moment[:, :3, :3])
-    root = float(np.sqrt(moment.mean()))
+    root = np.sqrt(moment.mean())
     measured = [(stat.RMS(unit="rad"), root_mean_square(answers.angle), root)]
     for statistic, dimension, squares in answers.squares:
-        known = dimension + float(added(theory, statistic, dimension).mean())
+        known = dimension + added(theory, statistic, dimension).mean()
         measured.append((statistic, mean_of_trials(squares), known))
     steady = normalised_squares(theory.mean[:, :3], theory.told[:, :3, :3])
-    over = OVER + float(bends(left, steady).mean() / theory.nees(3).mean())
+    over = OVER + bends(left, steady).mean() / theory.nees(3).mean()
     check = plain if judged else unjudged
     rows: Rows = ()
     for statistic, mean, expected in measured:
@@ -316,7 +316,7 @@ def at_each_row(
 def lost_row(answers: Answers, judged: bool) -> Rows:
     """Share of trials that diverge: beyond thirty degrees in their second half."""
     angle = answers.angle
-    share, n = float(diverged(angle, since=angle.shape[1] // 2).mean()), len(angle)
+    share, n = diverged(angle, since=angle.shape[1] // 2).mean(), len(angle)
     if judged:
         return limit(stat.DIVERGED(), share, 0.0, stat.NORMAL, n)
     return unjudged(stat.DIVERGED(), share, 0.0, n)
@@ -325,7 +325,7 @@ def lost_row(answers: Answers, judged: bool) -> Rows:
 def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
     """Root mean square over all, its standard error by trials, and their count."""
     square, error, n = mean_of_trials(values**2)
-    root = float(np.sqrt(square))
+    root = np.sqrt(square)
     return root, error / (2.0 * root) if root > 0.0 else 0.0, n
 
 
@@ -360,27 +360,27 @@ def diagnosis_rows(
     n, A = len(e), attitude_matrix(answers.truth[late])
     mounting = np.broadcast_to(np.eye(3), A.shape)
     forms = A[:, :, :2], A[:, :, 2:], mounting, -rate[late][:, :, None]
-    mean, square = e.mean(axis=0), float(np.mean(np.sum(e**2, axis=-1)))
+    mean, square = e.mean(axis=0), np.mean(np.sum(e**2, axis=-1))
     # the mean of n has a share 1/n of the variance by chance
     chance = np.sum(e.var(axis=0, ddof=1), axis=-1) / n
-    shared = max(float(np.mean(np.sum(mean**2, axis=-1) - chance)), 0.0)
+    shared = max(np.mean(np.sum(mean**2, axis=-1) - chance), 0.0)
     share = shared / square if square > 0.0 else 0.0
     rows = [*unjudged(stat.SYSTEMATIC(), share, 0.0, n)]
-    total, most = float(np.sum(mean**2)), 0.0
+    total, most = np.sum(mean**2), 0.0
     for name, X in zip(FORMS, forms, strict=True):
         flat = X.reshape(-1, X.shape[-1])
         inverse = np.linalg.pinv(flat)
         each = e.reshape(n, -1) @ inverse.T
         value, left = each.mean(axis=0), mean.ravel() - flat @ each.mean(axis=0)
-        explained = 1.0 - float(left @ left) / total if total > 0.0 else 0.0
-        size = float(np.linalg.norm(value))
-        signed = float(value[0]) if len(value) == 1 else size
-        error = float(np.linalg.norm(each.std(axis=0, ddof=1)) / np.sqrt(n))
+        explained = 1.0 - (left @ left) / total if total > 0.0 else 0.0
+        size = np.linalg.norm(value)
+        signed = value[0] if len(value) == 1 else size
+        error = np.linalg.norm(each.std(axis=0, ddof=1)) / np.sqrt(n)
         rows += unjudged(stat.SYSTEMATIC(name), share * max(explained, 0.0), 0.0, n)
         most = max(most, explained)
         unit = "s" if name == "delay" else "rad"
         rows += unjudged(stat.CONSTANT(name, unit=unit), signed, error, n)
-    whole = float(np.sqrt(np.linalg.trace(bound).mean()))
+    whole = np.sqrt(np.linalg.trace(bound).mean())
     rms, error, _ = root_mean_square(answers.angle)
     if judged and answers.found.covariance is None:
         cause = share * most if most >= MOST else 0.0

@@ -43,6 +43,7 @@ from simval.imu.calibrate import (
 from simval.imu.calibrate.gyroscope.noise import Weighting
 from simval.imu.calibrate.recording import Bias
 from simval.imu.sensor import GyroscopeModel
+from simval.moments import deviations
 from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
 from simval.shapes import Float
@@ -50,7 +51,7 @@ from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.response import apart
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, trials_of
+from simval.studies.trials import Block, Trials, drawn_rows, mean_of, trials_of
 from simval.theory.calibration import calibration_moments
 from simval.theory.coverage import bias_square, interval_coverage
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
@@ -137,12 +138,12 @@ class Tumble:
         self.rests = _rests(run, every)
         force = run.specific_force[::every]
         still = np.concatenate([force[a:b] for a, b in self.rests])
-        self.off = float(np.abs(np.linalg.norm(still, axis=1) - run.g).max())
+        self.off = np.abs(np.linalg.norm(still, axis=1) - run.g).max()
         self.rest_force = run.rest_force
         self.force = np.array([force[a:b].mean(axis=0) for a, b in self.rests])
         seconds = np.diff(self.rests)[:, 0] * every / ROWS
         self.pose_std = FORCE / np.sqrt(100.0 * seconds)
-        self.walk = float(np.radians(parameters.angle_random_walk))
+        self.walk = np.radians(parameters.angle_random_walk)
         self.gyroscope = true_gyroscope()
         self.accelerometer = true_sensor(0.0)
         rng = np.random.default_rng(0)  # draws nothing
@@ -150,7 +151,7 @@ class Tumble:
         self.rates = self.gyroscope.distort(self.body, rng)
         self.steps = average_rates(run) if steps is None else steps  # of 500 Hz
         # of a reading at the greatest rate, rad
-        self.turn = float(np.linalg.norm(self.steps, axis=1).max()) * every / ROWS
+        self.turn = np.linalg.norm(self.steps, axis=1).max() * every / ROWS
         self.poses = self.accelerometer.distort(self.force, rng)
         self.truth = np.concatenate([self.gyroscope.M.ravel(), self.gyroscope.B])
 
@@ -172,7 +173,7 @@ class Tumble:
         found = self.gyroscope_of(
             inter_rest, self.poses, calibrate(self.poses, self.g), "unweighted"
         )
-        return float(np.abs(found.M - self.gyroscope.M).max())
+        return np.abs(found.M - self.gyroscope.M).max()
 
     def readings(
         self, rng: np.random.Generator, count: int
@@ -256,7 +257,7 @@ class Tumble:
         both = np.diagonal(self.bounds()[:9, :9])
         given = self.accelerometer, self.force, self.g, self.pose_std
         alone = np.diagonal(calibration_moments(*given).cramer_rao)
-        return ONE_BY_ONE * float(np.max(1.0 - both / alone))
+        return ONE_BY_ONE * np.max(1.0 - both / alone)
 
     def bounds(self, pieces: int = PIECES) -> Float[Array, "21 21"]:
         """Cramer-Rao bound of both sensors."""
@@ -302,7 +303,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     data = Tumble(parameters)
     free = 9 if parameters.estimator == "unweighted" else 12
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         readings = data.readings(rng, BLOCK)
         fit = data.fitted(*readings)
         error = (fit.parameters - data.truth)[:, :free]
@@ -312,9 +313,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     trials = trials_of(streams, parameters.trials, BLOCK, trial)
     bound = np.diagonal(data.bound())[:free]
     clean = data.clean()
-    off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
+    off = np.abs(clean.M[0] - data.gyroscope.M).max()
     scheme = data.by_scheme(clean)
-    most = float(np.abs(scheme).max())
+    most = np.abs(scheme).max()
     left = ROUNDED + data.turn**2 * most
     return Outcome(
         rows=(
@@ -337,21 +338,21 @@ def _judged(
 ) -> Rows:
     error, C = trials["error"], trials["covariance"]
     n, p = error.shape
-    sd = np.sqrt(np.linalg.diagonal(C))
+    sd = deviations(C)
     z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
     stated = C.mean(axis=0)
     small = SMALL_BIAS * max(1.0, data.parameters.angle_random_walk / USUAL)
-    left = small * np.sqrt(np.diagonal(stated))
+    left = small * deviations(stated)
     left[:9] += np.abs(scheme).ravel()  # what the rotations leave out
     within, may = interval_coverage(
-        LEVEL, np.zeros(p), left / np.sqrt(np.diagonal(stated)), RELATIVE / 2.0
+        LEVEL, np.zeros(p), left / deviations(stated), RELATIVE / 2.0
     )
     _, off = bias_square(np.zeros(p), left, stated)
     covered = mean_of((np.abs(error) < z * sd).mean(axis=1))
     over = mean_of((error**2 / bound).mean(axis=1))
     # the unweighted way does not reach the bound
-    judge: Any = plain if p == 12 else unjudged
-    shift: Any = plain if n >= ENOUGH else unjudged
+    judge = plain if p == 12 else unjudged
+    shift = plain if n >= ENOUGH else unjudged
     return (
         *nees(
             stat.NEES(), *mean_of(normalised_squares(error, C)),
@@ -386,7 +387,7 @@ def _integrators(data: Tumble) -> Iterator[Row]:
     """Error of M without noise, by rate of the rows and what is between them."""
     for rate, every in THINNED.items():
         thinned = data.thinned(every)
-        averages = float(np.abs(thinned.clean().M[0] - data.gyroscope.M).max())
+        averages = np.abs(thinned.clean().M[0] - data.gyroscope.M).max()
         yield from unjudged(
             (stat.RECOVERY("M", AVERAGES, rate), stat.RECOVERY("M", STRAIGHT, rate)),
             (averages, thinned.straight_lines()),

@@ -43,6 +43,7 @@ from simval.imu.calibrate import (
     fit,
 )
 from simval.imu.sensor import MagnetometerModel
+from simval.moments import deviations
 from simval.results import (
     Outcome,
     Row,
@@ -71,7 +72,7 @@ from simval.studies.response import (
 )
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
-    Kept,
+    Block,
     Trials,
     correlation_row,
     mean_of,
@@ -187,7 +188,7 @@ class Scenario:
 
     def predicted(self) -> MagnetometerMoments:
         """Prediction of theory."""
-        dip = float(self.truth[-1])
+        dip = self.truth[-1]
         return magnetometer_moments(
             *self.sensors, self.attitudes, dip, g=G, **self.told
         )
@@ -220,7 +221,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     case = Scenario(parameters.poses, parameters.dip_deg, *noises)
     predicted = case.predicted()
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = rng.standard_normal((2, BLOCK, case.size // 2)).transpose(1, 0, 2)
         noise = noise.reshape(BLOCK, -1)
         readings = case.readings(noise)
@@ -318,7 +319,7 @@ def _over_bound(
         part = slice(whole.start - 9, whole.stop - 9)
         values = usual**2 / bound
         values = values[:, part] - np.mean(usual, axis=0)[part] ** 2 / bound[part]
-        expected = float(variance[part].mean())
+        expected = variance[part].mean()
         yield plain(
             stat.VARIANCE_OVER_BOUND(name, "two-step"),
             *mean_of(values.mean(axis=1)), expected, stat.FIRST_ORDER,
@@ -337,7 +338,7 @@ def _stated(
         if predicted.bent > RANGE
         else ""
     )
-    quantile = float(2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL))
+    quantile = 2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL)
     relative, left = predicted.variance_remainder / 2.0, predicted.bias_remainder
     within, may = interval_coverage(
         LEVEL, predicted.bias / predicted.sd, left / predicted.sd, relative
@@ -346,7 +347,7 @@ def _stated(
     off += SQUARE_NEXT * predicted.bent
     whole, all_may = ellipsoid_coverage(LEVEL, ALL, shift, off, relative)
     # of the linear part: in its deviations, and normalised
-    sd = np.sqrt(np.diagonal(fit.covariance))
+    sd = deviations(fit.covariance)
     ratio = fit.first / sd
     unit = fit.covariance / np.outer(sd, sd)
     square = np.vecdot(ratio, np.linalg.solve(unit, ratio.T).T)
@@ -376,7 +377,7 @@ def _spread_row(error: Float[Array, "t 22"], predicted: MagnetometerMoments) -> 
     part, n = PARTS["M"], len(error)
     squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
     found = root(n / (n - 1) * squares.mean(), np.std(squares) / np.sqrt(n))
-    expected = float(np.sqrt(np.mean(predicted.sd[part] ** 2)))
+    expected = np.sqrt(np.mean(predicted.sd[part] ** 2))
     left = expected * predicted.variance_remainder / 2.0
     return unjudged(stat.SPREAD("M"), *found, n, expected, stat.FIRST_ORDER, left)
 
@@ -386,7 +387,7 @@ def _recovery(case: Scenario) -> Rows:
     error = np.abs(fit.parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
     relative = [
-        float(error[part].max() / size)
+        error[part].max() / size
         for part, size in zip(PARTS.values(), (*sizes, 1.0), strict=True)  # dip: rad
     ]
     return limit(stat.RECOVERY.each(PARTS), relative, RECOVERED, stat.TRUTH, n=1)

@@ -42,6 +42,7 @@ from simval.imu.noise import (
 )
 from simval.imu.noise.least_squares import RIDGE, AllanProblem, ends, fitted
 from simval.imu.sensor import NoiseModel
+from simval.moments import deviations
 from simval.results import Outcome, Rows, exact, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
@@ -49,7 +50,7 @@ from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters, ranged
 from simval.studies.trials import (
     KEPT,
-    Kept,
+    Block,
     correlation_row,
     mean_of,
     share_error,
@@ -119,7 +120,7 @@ class Theory:
         self.forms = covariance_forms(self.counts, rows)[..., :3, :3]
         self.truth = np.array([WHITE**2 * RATE, flicker**2, walk**2 / RATE])
         C = self.covariance = allan_covariance(self.forms, self.truth)
-        scale = np.sqrt(np.diagonal(C))
+        scale = deviations(C)
         factor = np.linalg.cholesky(
             C / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
         )
@@ -138,7 +139,7 @@ class Theory:
         self.grown = grown / self.predicted
         self.bias = self.weights @ self.more / np.sqrt(self.predicted)
         bound = noise_bound(rows, RATE, white=WHITE, flicker=flicker, walk=walk)
-        self.bound = float(bound[0, 0]) * RATE**2  # Whittle's, of N squared
+        self.bound = bound[0, 0] * RATE**2  # Whittle's, of N squared
 
     def errors(self, variances: Float[Array, "s m"], estimate: str) -> Array:
         """Averaged quantities of signals: squared errors over the predicted ones.
@@ -191,7 +192,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         walk_raw_per_sqrt_s=parameters.walk * WHITE,
     )
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         differences, columns = [], []
         for _ in range(BLOCK // 3):  # an axis is a signal
             rows = model.draw(parameters.rows, RATE, rng)

@@ -107,9 +107,9 @@ class PluginParameters(StudyParameters):
             changed += [f"{key} {how}"] if was != now else []
         if changed:
             msg = (
-                "the plug-in is not what it was when the sweep was begun: "
-                f"{'; '.join(changed)}, on {platform.node()}; leave it alone while a "
-                "sweep runs, and put it on a file system that all workers share"
+                "the plug-in has changed since the sweep began: "
+                f"{'; '.join(changed)}, on {platform.node()}; leave it alone while "
+                "a sweep runs, and put it on a file system that all workers share"
             )
             raise PluginError(msg)
 

@@ -49,6 +49,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, Mask
+from simval.moments import deviations
 from simval.montecarlo import taylor
 from simval.results import Row, Rows
 from simval.shapes import Float
@@ -102,8 +103,8 @@ def response(
 
 def apart(stated: Float[Array, "... p p"], known: Float[Array, "p p"]) -> float:
     """Greatest distance of two covariances, relative to the known deviations."""
-    sd = np.sqrt(np.diagonal(known))
-    return float(np.max(np.abs(stated - known) / np.outer(sd, sd)))
+    sd = deviations(known)
+    return np.max(np.abs(stated - known) / np.outer(sd, sd))
 
 
 FORWARD = 1e-3
@@ -181,7 +182,7 @@ class Expanded:
         """Mean of ``e' W e`` by (E1)."""
         values = np.sum(error @ weight * error, axis=1)
         known = np.sum(self.first @ weight * (self.first + 2.0 * self.second), axis=1)
-        return reduced_mean(values, known, float(np.sum(weight * self.covariance)))
+        return reduced_mean(values, known, np.sum(weight * self.covariance))
 
 
 def linearized(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded:

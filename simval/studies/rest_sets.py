@@ -402,9 +402,9 @@ def unharmed(rng: Random) -> RestSet:
     up = near_faces(n, rng) if rng.random() < FACED else directions(n, rng)
     return RestSet(
         up=up,
-        noise=float(10.0 ** rng.uniform(-2.3, -1.3)),
-        tremor=float(rng.choice([0.0, 0.005])),
-        part=float(rng.uniform(1.0, 4.0)),
+        noise=10.0 ** rng.uniform(-2.3, -1.3),
+        tremor=rng.choice([0.0, 0.005]),
+        part=rng.uniform(1.0, 4.0),
         temperature=course(len(up), rng) if rng.random() < 0.5 else None,
     )
 
@@ -412,5 +412,5 @@ def unharmed(rng: Random) -> RestSet:
 def faulty(fault: Fault, times: float, rng: Random, log: RestSet) -> RestMeans:
     """Rests of a log with a fault somewhere, so many times the noise of a mean."""
     k, a = int(rng.integers(3, len(log.up) - 2)), int(rng.integers(3))
-    size = times * float(np.max(log.noise)) / ROWS**0.5
+    size = times * np.max(log.noise) / ROWS**0.5
     return fault.act(log, Where(size, k, a), rng).means(rng)

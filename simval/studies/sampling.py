@@ -71,7 +71,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _variance_rows() -> Rows:
     """Mean of each estimated variance over all samples, over the population's own."""
     every = np.array(list(product(VALUES, repeat=SAMPLES)))
-    true = float(np.var(VALUES))
+    true = np.var(VALUES)
     names, means = [], []
     for name, (variance, share) in _ROUTINES.items():
         names.append(name)

@@ -106,7 +106,7 @@ def judged_rows(trajectory: Trajectory) -> Rows:
     """
     resting, bound = trajectory.hold >= 0, trajectory.rest_force
     if not resting.any():
-        msg = "the scene never rests, so nothing can be calibrated with it; add holds"
+        msg = "the scene has no rest, so no sensor can be calibrated with it; add holds"
         raise GeometryError(msg)
     force = np.linalg.norm(trajectory.specific_force[resting], axis=1) - trajectory.g
     rate = np.linalg.norm(trajectory.angular_velocity[resting], axis=1)

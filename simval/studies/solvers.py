@@ -121,7 +121,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )  # fmt: skip
     ends = {method: way(method=method) for method in METHODS}
     sd = calibration_moments(sensor, force, G, parameters.noise_std).sd
-    widest = float((sd / np.repeat([1.0, G], [6, 3])).max())
+    widest = (sd / np.repeat([1.0, G], [6, 3])).max()
     why = (
         f"the noise leaves a parameter uncertain by {widest:.2g} of its size; that the "
         f"sources' methods end at the answer is known up to {WIDEST:g}"
@@ -133,7 +133,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rows: list[Row] = []
     for method, fit in ends.items():
         size = np.abs(plain).max()
-        apart = float(np.abs(fit.parameters - plain).max() / size)
+        apart = np.abs(fit.parameters - plain).max() / size
         rows += unjudged(stat.STEPS(method), int(fit.iterations))
         rows += limit(stat.APART(method), apart, AGREEMENT, stat.FIRST_SOLVER)
         counts = range(1, min(SHOWN, int(fit.iterations)) + 1)
@@ -170,7 +170,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def share_left(distance: Float[Array, " k"]) -> float:
     """Share of the distance to the end that a step leaves, the last above `FAR`."""
     last = max(1, int(np.flatnonzero(distance > FAR)[-1]))
-    return float(distance[last] / distance[last - 1])
+    return distance[last] / distance[last - 1]
 
 
 def source_way(

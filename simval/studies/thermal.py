@@ -20,6 +20,7 @@ from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.gauss_newton import minimize
 from simval.imu.calibrate.thermal import law, names_of, thermal_problem
 from simval.imu.sensor import forms
+from simval.moments import deviations
 from simval.montecarlo import moments_of
 from simval.poses import PARAMETERS, fibonacci_sphere
 from simval.results import Outcome, plain, unjudged
@@ -28,7 +29,13 @@ from simval.streams import Streams
 from simval.studies.calibration import G, true_sensor
 from simval.studies.coverage import FREEDOM, LEVEL
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, mean_of, share_error, trials_of
+from simval.studies.trials import (
+    Block,
+    drawn_rows,
+    mean_of,
+    share_error,
+    trials_of,
+)
 from simval.theory.calibration import VARIANCE_NEXT
 from simval.theory.coverage import interval_coverage
 from simval.theory.thermal import thermal_equations
@@ -79,12 +86,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     clean = sensor.B + np.outer(tau, TRUE[0]) + force / (1.0 + np.outer(tau, TRUE[1]))
     truth = np.concatenate([sensor.parameters, TRUE.ravel()])
     theory = thermal_equations(sensor, directions, tau, TRUE, sigma, g=G)
-    predicted = np.sqrt(np.diagonal(theory.bound))
+    predicted = deviations(theory.bound)
     dof = count - truth.size
-    quantile = float(scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0))
+    quantile = scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0)
     std = np.full(count, sigma)
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = rng.standard_normal((BLOCK, *clean.shape))
         poses = clean + sigma * noise
         without = calibrate(poses, G, covariance=False).require_converged().parameters

@@ -82,8 +82,9 @@ class Trials:
 
 
 Kept = Mapping[str, Array]
-Trial = Callable[[np.random.Generator], tuple[Kept, Kept]]
-"""A block of trials: what is kept of each, and the noise of each sensor."""
+Block = tuple[Kept, Kept]
+"""What is kept of each trial of a block, and the noise of each sensor."""
+Trial = Callable[[np.random.Generator], Block]
 
 
 def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials:
@@ -139,7 +140,7 @@ def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> Rows:
     for name in blocks[0]:
         n = sum(block[name].count for block in blocks)
         square = sum(block[name].square for block in blocks) / n
-        error = float(np.sqrt(2.0 / n))
+        error = np.sqrt(2.0 / n)
         rows += plain(stat.NOISE_SQUARE(name), square, error, n, 1.0, stat.CHI_SQUARE)
     return rows + correlation_row(each.first for b in blocks for each in b.values())
 
@@ -159,8 +160,8 @@ def correlation_row(vectors: Iterable[Array]) -> Rows:
 def strongest_by_chance(count: int, m: int) -> float:
     """Correlation that any two of so many reach with probability `FALSE_ALARM`."""
     pairs = max(count * (count - 1) // 2, 1)
-    t = float(scipy.special.stdtrit(m - 1, FALSE_ALARM / (2.0 * pairs)))
-    return float(np.sqrt(t * t / (m - 1 + t * t)))
+    t = scipy.special.stdtrit(m - 1, FALSE_ALARM / (2.0 * pairs))
+    return np.sqrt(t * t / (m - 1 + t * t))
 
 
 def noise_row(x: Float[Array, "t d"]) -> Rows:

@@ -235,8 +235,8 @@ def _same(words: Any) -> Any:
 def _statistic(family: str, entries: str, controlled: int, unit: str) -> Statistic:
     if family not in FAMILIES:
         msg = (
-            f"`{family:.60}` is no statistic of this version; read it with the version "
-            "of simval that wrote it, or sweep anew"
+            f"this version of simval has no statistic `{family:.60}`; read the "
+            "run with the version that wrote it, or run the sweep again"
         )
         raise DamagedError(msg)
     words = tuple(json.loads(entries))

@@ -29,7 +29,7 @@ from simval.plugins.loading import sources
 from simval.plugins.names import portable
 from simval.scene import models_folder
 from simval.studies import brought
-from simval.sweep.suite import Suite, plugins_of, respelled
+from simval.sweep.suite import Grid, Suite, plugins_of, respelled
 from simval.sweep.threads import linear_algebra
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -89,7 +89,7 @@ def model_hashes() -> dict[str, str]:
     return {model.name: files.digest(model) for model in models}
 
 
-def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
+def file_hashes(grid: Grid) -> dict[str, str]:
     """SHA-256 of the files that a suite names, and of those that they name in turn."""
     named: dict[str, dict[str, set[str]]] = {}
     for study, _, texts in plugins_of(grid):
@@ -108,7 +108,7 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     return {name: "+".join(sorted(digests[name])) for name in sorted(digests)}
 
 
-def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+def places(grid: Grid) -> dict[str, dict[str, str]]:
     """Paths of the plug-ins of a suite on this machine."""
     paths = {
         f"{study}.{field}": {portable(t): t for t in texts if portable(t) != t}
@@ -118,7 +118,7 @@ def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     return {key: known for key, known in paths.items() if known}
 
 
-def _brought(grid: Mapping[str, Any]) -> dict[str, Path]:
+def _brought(grid: Grid) -> dict[str, Path]:
     # files of a user's studies that a suite has
     return {name: path for name, path in brought().items() if name in grid}
 
@@ -136,7 +136,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _kernels() -> list[str]:
-    config: Any = np.show_config(mode="dicts")
+    config = np.show_config(mode="dicts")
     return list(config["SIMD Extensions"].get("found", []))
 
 

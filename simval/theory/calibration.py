@@ -56,6 +56,7 @@ from simval.arrays import Array, ReadOnly, noise_levels, positive_number
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.sensor import AccelerometerModel, forms
+from simval.moments import deviations
 from simval.poses import PARAMETERS, observability, one_set
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating, Weights
@@ -97,7 +98,7 @@ class CalibrationMoments(ReadOnly):
     @property
     def sd(self) -> Float[Array, "9"]:
         """Standard deviation of each parameter, (9,)."""
-        return np.sqrt(np.diagonal(self.covariance))
+        return deviations(self.covariance)
 
     @property
     def sd_remainder(self) -> Float[Array, "9"]:
@@ -164,8 +165,9 @@ def calibration_moments(
     if found.rank < PARAMETERS:
         helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
         msg = (
-            f"the {len(u)} directions have rank {found.rank} of {PARAMETERS}; nothing "
-            f"can be predicted for what they cannot observe: add ({helps})"
+            f"the {len(u)} directions have rank {found.rank} of {PARAMETERS}, "
+            "so some parameters cannot be observed and nothing can be "
+            f"predicted: add ({helps})"
         )
         raise GeometryError(msg)
     equations = _equations(model, u, g, sigma, residual, form)

@@ -119,7 +119,7 @@ def bound_left(
     weight[:9, :6] = stretch.reshape(6, 9).T
     weight[9:, 6:] = M
     chosen = weight[:, list(places)]
-    return float(np.sqrt(np.trace(chosen @ bound @ chosen.T)))
+    return np.sqrt(np.trace(chosen @ bound @ chosen.T))
 
 
 def least_left(sensor: AccelerometerModel, places: tuple[int, ...], g: float) -> float:
@@ -144,7 +144,7 @@ def least_left(sensor: AccelerometerModel, places: tuple[int, ...], g: float) ->
         if 3 not in places or np.all(
             np.abs(nearest - scales) <= SETTLED * np.abs(scales)
         ):
-            return float(g * np.sqrt(np.sum((stretch - 1.0) ** 2) / 3.0))
+            return g * np.sqrt(np.sum((stretch - 1.0) ** 2) / 3.0)
         scales = nearest
     msg = (
         f"the least that scales can leave is not found in {STEPS} steps; the sensor is "

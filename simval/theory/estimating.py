@@ -115,21 +115,18 @@ class Estimating:
     @cached_property
     def bound(self) -> Float[Array, "p p"]:
         """The Cramer-Rao bound, eq. (E3)."""
-        weighed = self._solve([at.J for at in self._slopes])
-        bound = inverse_of(self._squared(weighed))
+        bound = inverse_of(self._squared(self._VJ))
         return bound * self._least**2 * np.outer(self._unit, self._unit)
 
     @cached_property
     def rank(self) -> int:
         """Number of parameter combinations that the rows determine."""
-        return rank_of(self._squared(self._solve([at.J for at in self._slopes])))
+        return rank_of(self._squared(self._VJ))
 
     @cached_property
     def information(self) -> Float[Array, "b p p"]:
         """Information of each block of rows; eq. (E3) inverts their sum."""
-        parts = zip(
-            self._slopes, self._solve([at.J for at in self._slopes]), strict=True
-        )
+        parts = zip(self._slopes, self._VJ, strict=True)
         each = np.concatenate([at.J.mT @ w for at, w in parts])
         return each / (self._least**2 * np.outer(self._unit, self._unit))
 
@@ -334,6 +331,10 @@ class Estimating:
         ends = np.cumsum([len(r) for r in flat])[:-1]
         parts = np.split(np.linalg.solve(self._V[0], np.concatenate(flat)), ends)
         return [part.reshape(r.shape) for part, r in zip(parts, rows, strict=True)]
+
+    @cached_property
+    def _VJ(self) -> list[Float[Array, "n m p"]]:
+        return self._solve([at.J for at in self._slopes])
 
     def _weigh(self, rows: list[Array]) -> list[Array]:
         return rows if self.weights == "none" else self._solve(rows)

@@ -74,7 +74,7 @@ from simval.geometry import cross, cross_matrix
 from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.expansion import half_noise
-from simval.theory.two_vector import TwoVectorGeometry, naming
+from simval.theory.two_vector import Noise, TwoVectorGeometry, naming
 
 Rule = tuple[Array, Array]
 """Directions or other nodes, and their weights."""
@@ -205,7 +205,7 @@ def _density(
     t = k * cosine
     tilted = np.exp(-0.5 * (k * sine) ** 2)
     bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * scipy.special.ndtr(t)
-    density: Array = tilted * bulk + t * np.exp(-0.5 * k * k)
+    density = tilted * bulk + t * np.exp(-0.5 * k * k)
     return density * (2.0 * np.pi) ** -1.5
 
 
@@ -219,7 +219,7 @@ _SERIES_RHO: Final = 1e-2
 
 def exact_moments(
     geometry: TwoVectorGeometry,
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
     """Exact bias and covariance of q - qhat in the turned frame, of each sample.
 
@@ -348,7 +348,7 @@ def _sizes(moments: MeanAndCovariance) -> tuple[Scalars, Scalars]:
 
 
 def isotropic(
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> Mask:
     """True if every covariance is a multiple of the identity, but for rounding.
 

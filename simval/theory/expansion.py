@@ -96,6 +96,7 @@ from simval.geometry import cross, cross_matrix
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
 from simval.theory.two_vector import (
+    Noise,
     TwoVectorGeometry,
     column_maps,
     tangent_projector,
@@ -155,7 +156,7 @@ def bilinear_map(geometry: TwoVectorGeometry) -> Float[Array, "... 4 6 3"]:
 
 def half_noise(
     geometry: TwoVectorGeometry,
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> tuple[
     Float[Array, "... 6 6"], Float[Array, "... 3 3"], Float[Array, "... 6 3"] | None
 ]:
@@ -192,7 +193,7 @@ def mean_linear_error(
 
 def scaled_error_moments(
     geometry: TwoVectorGeometry,
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> ScaledErrorMoments:
     """Moments P, V and G of eqs. (X2) and (X3)."""
     J1, J2 = linear_maps(geometry)
@@ -234,8 +235,7 @@ def second_order_length(
     q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
 ) -> Float[Scalars, "..."]:
     """Mean of |q|/|q - x| less 1 where x has no mean, source eq. (51)."""
-    half_trace: Scalars = -0.5 * _trace(normalization_matrix(q) @ P)
-    return half_trace
+    return -0.5 * _trace(normalization_matrix(q) @ P)
 
 
 def second_order_covariance(

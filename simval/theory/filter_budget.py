@@ -47,6 +47,7 @@ from simval.geometry import (
     from_rotation_vector,
     rotation_vector,
 )
+from simval.moments import deviations
 from simval.shapes import Float
 from simval.theory.filter_model import (
     GYROSCOPE,
@@ -314,7 +315,7 @@ class FilterPrediction(ReadOnly):
             (k,).
         """
         P = self.told
-        b = np.sqrt(np.linalg.diagonal(P[:, 3:, 3:]))
+        b = deviations(P[:, 3:, 3:])
         cross = P[:, :3, 3:] / b[:, None]
         C = P[:, 3:, 3:] / (b[:, :, None] * b[:, None])
         inside = P[:, :3, :3] - cross @ np.linalg.solve(C, cross.mT)
@@ -397,8 +398,9 @@ def _told(told: FilterModel, truth: FilterModel) -> FilterModel:
     ours, theirs = ([(s.name, *s.reference) for s in m.sensors] for m in (told, truth))
     if ours != theirs:
         msg = (
-            f"`told` has the sensors {[each[0] for each in ours]} and `truth` "
-            f"{[each[0] for each in theirs]}; names and references must be the same"
+            f"`told` has the sensors {[each[0] for each in ours]} but `truth` "
+            f"has {[each[0] for each in theirs]}; names and references must be "
+            "the same"
         )
         raise InputError(msg)
     return told

@@ -299,9 +299,9 @@ def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
     least = float(np.linalg.eigvalsh((scaled + scaled.T) / 2.0)[0])
     if not (off <= 1e-9 and least >= -1e-9):
         msg = (
-            f"`{name}` is no covariance: relative asymmetry {off:.1e}, least "
-            f"eigenvalue {least:.1e} where variances are 1; it must be symmetric, with "
-            "none below 0"
+            f"`{name}` is not a covariance: relative asymmetry {off:.1e}, least "
+            f"eigenvalue {least:.1e} where variances are 1; it must be "
+            "symmetric, with no eigenvalue below 0"
         )
         raise InputError(msg)
     return (P + P.T) / 2.0

@@ -271,8 +271,8 @@ def kept_rows(keep: Any, T: int) -> Places:
     whole = kept.ndim == 1 and kept.size > 0 and kept.dtype.kind in "iu"
     if not (whole and kept[0] >= 0 and kept[-1] < T and np.all(np.diff(kept) > 0)):
         msg = (
-            f"`keep` is no list of rows: give indices from 0 to {T - 1} that increase, "
-            "or a number, every so many rows"
+            f"`keep` is not a list of rows: give indices from 0 to {T - 1} that "
+            "increase, or a number, every so many rows"
         )
         raise InputError(msg)
     return kept.astype(np.intp)

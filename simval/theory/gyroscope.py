@@ -54,6 +54,7 @@ from simval.imu.sensor import (
     MagnetometerModel,
     forms,
 )
+from simval.moments import deviations
 from simval.poses import one_set
 from simval.shapes import Float, Inexact
 from simval.theory.calibration import in_form
@@ -113,7 +114,7 @@ class GyroscopeMoments(ReadOnly):
     @property
     def sd(self) -> Float[Array, "21"]:
         """Bound on each standard deviation, (21,)."""
-        return np.sqrt(np.diagonal(self.cramer_rao))
+        return deviations(self.cramer_rao)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -468,9 +469,9 @@ def equations(
 def _bound(equations: Estimating) -> Float[Array, "p p"]:
     if equations.rank < len(equations.theta):
         msg = (
-            f"the rests and moves leave a combination of the {len(equations.theta)} "
-            f"parameters open (rank {equations.rank}): nothing can be predicted; add "
-            "poses and moves about other axes"
+            "the rests and moves do not determine a combination of the "
+            f"{len(equations.theta)} parameters (rank {equations.rank}), so "
+            "nothing can be predicted; add poses, and moves about other axes"
         )
         raise GeometryError(msg)
     return equations.bound

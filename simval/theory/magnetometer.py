@@ -63,6 +63,7 @@ from simval.arrays import (
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
+from simval.moments import deviations
 from simval.shapes import Float, Inexact
 from simval.theory.calibration import in_form
 from simval.theory.estimating import Block, Estimating, inverse_of, rank_of
@@ -120,7 +121,7 @@ def problem_of(
         )
     ]
     if not all(np.all(each > 0.0) for each in noise):
-        msg = "a noise is 0, and the bound is then 0; give both sensors some noise"
+        msg = "a noise is 0, and then the bound is 0; give both sensors some noise"
         raise InputError(msg)
     up = turn[:, :, 2]
     along = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
@@ -154,7 +155,10 @@ def dip_angle(value: Any) -> float:
     """
     dip = real_number("dip", value, "rad")
     if not abs(dip) < np.radians(89.9):
-        msg = f"`dip` is {dip:g} rad; between -1.569 and 1.569 a field tells a heading"
+        msg = (
+            f"`dip` is {dip:g} rad; a field shows a heading only between -1.569 "
+            "and 1.569"
+        )
         raise InputError(msg)
     return dip
 
@@ -223,7 +227,7 @@ class MagnetometerMoments(ReadOnly):
     @property
     def sd(self) -> Float[Array, "22"]:
         """Standard deviation of each parameter, (22,)."""
-        return np.sqrt(np.diagonal(self.covariance))
+        return deviations(self.covariance)
 
 
 def magnetometer_moments(
@@ -286,7 +290,7 @@ def magnetometer_moments(
     bias = estimate.bias.copy()
     # arcsin is curved: half its second derivative times the variance
     bias[-1] += 0.5 * np.tan(dip) * to_dip[-1] * covariance[-1, -1]
-    sd, count = np.sqrt(np.diagonal(covariance)), len(problem.y)
+    sd, count = deviations(covariance), len(problem.y)
     noise = float(np.max(problem.sigma / problem.size))
     u, carry = (noise / np.cos(dip)) ** 2, _natural(problem)
     recipe = _recipe(problem, estimate)

@@ -60,6 +60,7 @@ from simval.imu.sensor.readable import (
     quantities,
     worst_axis,
 )
+from simval.moments import deviations
 from simval.poses import (
     GEOMETRY_LIMIT,
     PARAMETERS,
@@ -278,7 +279,7 @@ def error_bars(information: Float[Array, "p p"]) -> Float[Array, " p"]:
     """Bound on each standard deviation; infinite where not all are determined."""
     if rank_of(information) < len(information):
         return np.full(len(information), np.inf)
-    return np.sqrt(np.diagonal(inverse_of(information)))
+    return deviations(inverse_of(information))
 
 
 def plan(
@@ -327,7 +328,7 @@ def plan(
             untold = np.full(PARAMETERS, np.inf)
             return untold, untold, np.nan * untold
         found = calibration_moments(body, u, g, noise_std, form=form)
-        return found.sd, np.sqrt(np.diagonal(found.cramer_rao)), found.bias
+        return found.sd, deviations(found.cramer_rao), found.bias
 
     now, bound, bias = sd(u)
     return Plan(

@@ -24,6 +24,7 @@ from simval.arrays import Array, ReadOnly, physical_array, positive_number
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.sensor import AccelerometerModel, forms
+from simval.moments import deviations
 from simval.poses import PARAMETERS, best_addition, direction_jacobian, one_set
 from simval.shapes import Float, Inexact
 from simval.spelling import counted, rounded
@@ -171,12 +172,13 @@ def plan_thermal(
     values = np.linalg.eigvalsh(told)
     if not values[0] > _FAINT * values[-1]:
         msg = (
-            f"{rests} rests of {len(u)} poses at {len(degrees)} temperatures do not "
-            "tell every term; give poses all over the sphere, or more rests"
+            f"{rests} rests of {len(u)} poses at {len(degrees)} temperatures do "
+            "not determine every term; give poses all over the sphere, or more "
+            "rests"
         )
         raise GeometryError(msg)
     # the noise of a row is 2 sigma / g; biases of the rows are in units of g
-    sd = 2.0 * sigma / g * np.sqrt(np.diagonal(np.linalg.inv(told)))
+    sd = 2.0 * sigma / g * deviations(np.linalg.inv(told))
     unit = np.repeat([1.0, g, g / half, 1.0 / half], [6, 3, 3, 3])
     slopes = (f"{what}_{a} per K" for what in ("bias", "scale") for a in "xyz")
     return ThermalPlan(

@@ -504,7 +504,7 @@ BLOCKS = np.kron([[1, -1], [-1, 1]], np.ones((3, 3)))
 
 @pytest.mark.parametrize(("words", "spoil"), [
     ("", None),
-    ("rate is the reading less the bias", lambda a: a | {"bias": -a["bias"]}),
+    ("rate is the reading minus the bias", lambda a: a | {"bias": -a["bias"]}),
     ("of opposite signs", lambda a: a | {"covariance": a["covariance"] * BLOCKS}),
 ])  # fmt: skip
 @pytest.mark.parametrize(("world", "side"), [("NWU", "body"), ("SWD", "reference")])

@@ -195,23 +195,28 @@ class Regression:
         self.weights = (bands.rounding <= CLEAR * bands.signal) * np.ones((3, 1))
         self.weights[:, : len(LOW)] = 1.0
         self.weights /= bands.energy + TINY
+        self._add_up(products, null)
         for _ in range(3):
             self._weigh(products, null)
+            self._add_up(products, null)
         self.error = sum(
             np.sqrt(self._share(each)) * noise
             for each, noise in zip(self._each, self._noise, strict=True)
         )
 
-    def _weigh(self, products: Float[Array, "b 3 p p"], null: Array) -> None:
-        # noise of each band, times that of each axis
-        bands = self._bands
+    def _add_up(self, products: Float[Array, "b 3 p p"], null: Array) -> None:
+        # products of all bands by their weights, and the fit of all terms
         p = len(self._prior)
         each = np.einsum("ab,baij->bij", self.weights, products)
         self._each, self._sum = each[:, :p, :p], each.sum(axis=0)
-        inverse, whole = self._fit(self.terms, null)
-        own = np.einsum("ij,bij->b", inverse, self._each)
+        self._root, self.whole = self._fit(self.terms, null)
+
+    def _weigh(self, products: Float[Array, "b 3 p p"], null: Array) -> None:
+        # noise of each band, times that of each axis
+        bands, root = self._bands, self._root
+        own = np.einsum("ik,bij,jk->b", root, self._each, root, optimize=True)
         dof = np.maximum(6.0 * bands.bins - own, 1.0)
-        z = np.append(whole.value, -1.0)
+        z = np.append(self.whole.value, -1.0)
         left = np.einsum("i,baij,j->ba", z, products, z) * SPREAD
         least = ROUNDING**2 * bands.energy * bands.bins.sum() + TINY
         axis = np.ones(3)
@@ -227,14 +232,11 @@ class Regression:
         share, few = own / max(float(own.sum()), TINY), len(LOW)
         spread = share[:few].sum() ** 2 / dof[:few].sum()
         spread += np.sum(share[few:] ** 2 / dof[few:])
-        self.whole, self._inverse = whole, inverse
         self.freedom = 1.0 / float(spread) / SPREAD
 
     def _share(self, own: Float[Array, "p p"]) -> float:
         # greatest share of a band in a direction of the whole fit
-        values, vectors = np.linalg.eigh(self._inverse)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return min(float(np.linalg.eigvalsh(root.T @ own @ root)[-1]), 1.0)
+        return min(float(np.linalg.eigvalsh(self._root.T @ own @ self._root)[-1]), 1.0)
 
     def fit(self, terms: Iterable[AuditTerm], null: Float[Array, " p"]) -> TermFit:
         """Fit some terms; the parameters of all others have their values in `null`."""
@@ -272,7 +274,7 @@ class Regression:
         squares = max(float(z @ self._sum @ z) + own, 0.0)
         fit = TermFit(terms, value, sd, np.zeros_like(sd) + bound, squares,
                   int(seen.sum()), scale)  # fmt: skip
-        return inverse, fit
+        return root, fit
 
     def explains(self, fit: TermFit, null: Float[Array, " p"], rate: float) -> bool:
         """Whether all other terms, or one, take no more off than is allowed."""

@@ -136,7 +136,7 @@ def diagnose(
         If the fit is a batch, or the poses are not those of the fit.
     """
     if instance("fit", fit, FitResult).parameters.ndim != 1:
-        msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
+        msg = f"this is a batch of {len(fit.parameters)} fits; pick one of them"
         raise InputError(msg)
     more = (
         np.zeros((0, 0))
@@ -190,8 +190,8 @@ def _checked(
     readings = physical_array("poses", poses, (None, 3))
     if readings.shape != (count, 3):
         msg = (
-            f"`poses` has shape {readings.shape} and the fit was made from {count} "
-            f"poses, shape {(count, 3)}; give the same"
+            f"`poses` has shape {readings.shape}, but the fit was made from "
+            f"{count} poses, shape {(count, 3)}; give those poses"
         )
         raise InputError(msg)
     if noise_std is None:

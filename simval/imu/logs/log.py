@@ -514,9 +514,10 @@ def require_no_means(path: str, force: Float[Array, "n 3"]) -> None:
     """Raise InputError for rows that look like means of poses, and no log."""
     if are_means(force[~np.isnan(force[:, 0])]):
         msg = (
-            f"{path}: its {len(force)} rows read gravity in as many directions, as a "
-            "table of means of poses does; if they are, `simval calibrate --means` "
-            "fits them; rows of a log hardly turn from one to the next"
+            f"{path}: its {len(force)} rows read gravity in as many directions, "
+            "as a table of means of poses does, and rows of a log hardly turn "
+            "from one to the next; if they are means, `simval calibrate "
+            "--means` fits them"
         )
         raise InputError(msg)
 

@@ -488,7 +488,7 @@ def _wanted(log: Log, asked: Sequence[str] | None) -> Iterator[tuple[str, Array]
         elif asked is not None and name in asked:
             letter = name[0].replace("g", "w")
             msg = (
-                f"{log.path} has no {name}, which is asked for; name its columns: "
+                f"{log.path} has no {name}, but you asked for it; name its columns: "
                 f"--columns with {letter}x, {letter}y and {letter}z"
             )
             raise InputError(msg)
@@ -531,9 +531,9 @@ def _gyroscope(
     # together with the accelerometer
     if result.turns:
         msg = (
-            f"it turns in {len(result.cuts)} of the {len(result.intervals)} rests of "
-            f"the accelerometer, and {PARAMETERS} in which both are still are needed; "
-            "record more rests in which nothing turns"
+            f"it turns in {len(result.cuts)} of the {len(result.intervals)} "
+            f"rests of the accelerometer, and {PARAMETERS} rests in which both "
+            "are still are needed; record more rests in which nothing turns"
         )
         raise RefusedError(msg)
     scheme: Scheme = "cubic" if log.gyro_rows.kind == "instant" else "averages"

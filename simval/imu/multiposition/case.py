@@ -127,16 +127,16 @@ def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
         inside = every == each if is_number else (first <= each) & (each <= last)
         if not inside.any() and is_number:
             msg = (
-                f"there is no rest {each}, which is to be left out; they are numbered "
-                f"from 0 to {len(rests) - 1}; write a time in seconds with a point"
+                f"there is no rest {each} to leave out; rests are numbered from 0 "
+                f"to {len(rests) - 1}, and a time in seconds is written with a point"
             )
             raise InputError(msg)
         if not inside.any():
             k = int(np.argmin(np.maximum(first - each, each - last)))
             msg = (
-                f"no rest was found at {each:g} s, which is to be left out; the "
-                f"nearest, rest {k}, is from {first[k]:.2f} s to {last[k]:.2f} s; give "
-                "its number or a time within it"
+                f"there is no rest at {each:g} s to leave out; the nearest, rest "
+                f"{k}, is from {first[k]:.2f} s to {last[k]:.2f} s; give its number "
+                "or a time within it"
             )
             raise InputError(msg)
         left |= inside

@@ -100,7 +100,7 @@ def test_standardised_residuals_are_standard(residual, noise, law):
 def test_bad_arguments():
     y = poses(12)[0]
     fit, batch = calibrate(y, G), calibrate(np.stack([y, y]), G)
-    for arguments, words in (((fit, y[:10]), "made from 12"), ((batch, y), "one set")):
+    for arguments, words in (((fit, y[:10]), "made from 12"), ((batch, y), "batch of")):
         with pytest.raises(InputError, match=words):
             diagnose(*arguments)
     with pytest.raises(InputError, match="`time` "):

@@ -298,7 +298,7 @@ def test_bad_input_is_refused_in_words():
     nan[7, 1] = np.nan
     cases = [
         (spoilt(0, hole), RefusedError, "missing in each of the"),
-        (spoilt(0, back), InputError, "does not rise"),
+        (spoilt(0, back), InputError, "does not increase"),
         (spoilt(0, TIME[:-1]), InputError, "shape"),
         (spoilt(1, force[:-1]), InputError, "shape"),
         (spoilt(2, nan), InputError, "non-finite"),

@@ -278,7 +278,7 @@ def test_an_outlier_rest_is_named():
     with pytest.raises(InputError, match="there is no rest 24"):
         calibrate_log(log, g=G, leave_out=[24])
     between = log.time[[result.intervals[10, 1], result.intervals[11, 0]]].mean()
-    with pytest.raises(InputError, match="no rest was found at"):
+    with pytest.raises(InputError, match="there is no rest at"):
         calibrate_log(log, g=G, leave_out=[between])
     assert "Look at rest 11, and calibrate without." in str(result)
     assert result.diagnosis.chi2_per_dof > 2.0

@@ -364,8 +364,9 @@ def ellipsoid_then_rotation(
     body, iron = shape(za), shape(zm)
     if not (np.all(body.quadric) and np.all(iron.quadric)):
         msg = (
-            "the readings of a sensor fix no ellipsoid; two steps need one for each, "
-            "so turn the sensors to all sides"
+            "the readings of one sensor do not determine an ellipsoid; the "
+            "two-step start needs one for each sensor, so turn the sensors to "
+            "all sides"
         )
         raise GeometryError(msg)
     theta = forms.from_gram("triangular", body.root @ body.root, body.bias)
