@@ -9,12 +9,12 @@ from simval.errors import InputError
 from simval.geometry import conjugate
 from simval.imu.audit.simulated import SimulatedImu
 from simval.imu.logs import Log, Truth
-from simval.imu.logs.names import Kind
+from simval.imu.logs.names import Measurand
 from simval.shapes import Float
 from simval.units import OF_A_LOG
 from simval.vocabulary import PoseTurns
 
-_SENSORS: Final[dict[str, tuple[Kind, str]]] = {
+_SENSORS: Final[dict[str, tuple[Measurand, str]]] = {
     "accelerometer": ("force", "accelerometer"), "gyroscope": ("gyro", "gyro"),
 }  # fmt: skip
 
