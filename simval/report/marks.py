@@ -294,7 +294,7 @@ def framed(panel: object, labels: Sequence[str]) -> Frame:
 def _(panel: Panel, labels: Sequence[str]) -> Frame:
     names, panel = names_of(panel, labels), _drawable(panel)
     across, up = _across(panel, panel.series), _up(panel)
-    series = [_fewer(s, across, up) if s.line else s for s in panel.series]
+    series = [_fewer(s, across, up) for s in panel.series]
     labelled = [label for _, label in panel.references if label]
     dashes = [SHORT if label in labelled[1:] else LONG for _, label in panel.references]
     limits = [s for s in series if not _whole(s, panel.log_y).all()][:1]
@@ -329,13 +329,14 @@ def _(panel: Panel, labels: Sequence[str]) -> Frame:
         draw=draw,
         points=[end(s) for s in series],
         entries=_entries(panel, labels) + [entry for entry in more if entry.label],
-        data=[_numbers(s) for s in series],
+        data=[_numbers(s, s.y) for s in series],
     )
 
 
-def _numbers(s: Series) -> tuple[str, Iterable[Sequence[Any]]]:
+def _numbers(s: Series, y: Sequence[Any] | Array) -> tuple[str, list[Sequence[Any]]]:
+    """What is drawn of a series, as numbers."""
     band = [""] * len(s.x) if s.band is None else s.band
-    return s.label, zip(s.x, s.y, band, strict=True)
+    return s.label, [*zip(s.x, y, band, strict=True)]
 
 
 def _drawable(panel: Panel) -> Panel:
@@ -447,7 +448,7 @@ def _path(values: Array, heights: Array, x: Scale, y: Scale) -> Array:
 
 def _fewer(s: Series, across: Axis, up: Axis) -> Series:
     """A line of many points by those that are seen."""
-    if len(s.x) <= LONG_CURVE:
+    if not s.line or len(s.x) <= LONG_CURVE:
         return s
     half: Any = 0.0 if s.band is None else s.band
     x = Scale(across, 0.0, FINE)(s.x)
@@ -460,7 +461,7 @@ def _fewer(s: Series, across: Axis, up: Axis) -> Series:
     return replace(s, x=s.x[kept], y=s.y[kept].round(digits), band=band)
 
 
-def _seen(x: Array, y: Array) -> Array:
+def _seen(x: Array, y: Array) -> Any:
     """Which points of a line make it: ends and extremes of each part, where it bends.
 
     A point is left out within `FLAT` of the chord of its neighbours, every second one
@@ -484,15 +485,15 @@ def _seen(x: Array, y: Array) -> Array:
 
 
 def _marks(s: Series, x: Array, y: Array) -> Marks:
-    return Marks(_apart(np.column_stack([x, y])), s.marker, s.colour)
+    places = np.column_stack([x, y])
+    return Marks(places[_apart(places)], s.marker, s.colour)
 
 
-def _apart(places: Array) -> Array:
-    """Places of marks; of many that are within two points one."""
+def _apart(places: Array) -> Any:
+    """Which marks are drawn; of many that are within two points one."""
     if len(places) <= MANY:
-        return places
-    _, kept = np.unique(np.rint(places / 2.0), axis=0, return_index=True)
-    return places[np.sort(kept)]
+        return slice(None)
+    return np.sort(np.unique(np.rint(places / 2.0), axis=0, return_index=True)[1])
 
 
 def _bars(across: Array, low: Array, high: Array, *, flat: bool = False) -> list[Array]:
@@ -559,7 +560,7 @@ def _(panel: SpherePanel, labels: Sequence[str]) -> Frame:
             # Lambert's azimuthal equal-area projection about the pole
             flat = half[:, :2] * np.sqrt(2.0 / (1.0 + np.abs(half[:, 2:])))
             places = np.column_stack([x(flat[:, 0]), y(flat[:, 1])])
-            ink.append(Marks(_apart(places), mark, colour))
+            ink.append(Marks(places[_apart(places)], mark, colour))
         rim = 1.1 * radii[-1]
         for words, across, up in (("x", rim, 0.0), ("y", 0.0, rim)):
             ink.append(Words(words, float(x(across)), float(y(up)), SMALL))
@@ -685,8 +686,8 @@ def _(panel: DotPanel, labels: Sequence[str]) -> Frame:
         + [Entry(panel.reference[1], [Lines([SAMPLE_LINE], GREY, 1.2, LONG)])]
         * bool(panel.reference[1]),
         data=[
-            (label, [(x, panel.names[int(place)], band) for x, place, band in numbers])
-            for label, numbers in map(_numbers, panel.series)
+            _numbers(s, [panel.names[int(place)] for place in s.y])
+            for s in panel.series
         ],
     )
 

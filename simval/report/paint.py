@@ -71,6 +71,7 @@ LEFT, RIGHT = 30.0, 16.0  # margins, at least
 EDGE = 4.0  # about all
 SPREAD = 3.0
 """How many times finer than another a scale of one quantity may be, to be shared."""
+MOST = 3000  # numbers of a series that stand in the figure
 TICK, PAD = 3.0, 3.5  # its length, and what is between it and its name
 MOST_COLUMNS = 3  # of a legend
 BETWEEN = 7.0  # from the sample of a legend to its words
@@ -271,7 +272,7 @@ def _sheet(
     titled: bool,
 ) -> Sheet:
     """A panel with the room that its words need; the last has the names below."""
-    down = EDGE
+    down = EDGE if frame.y.label else 0.0
     ink: list[Ink] = []
     label = frame.y.label  # which may say as much as the title
     told_twice = label.startswith(frame.title) or (
@@ -579,9 +580,12 @@ def _inked(sheet: Sheet, name: str) -> Iterator[str]:
 
 
 def _numbers(frame: Frame) -> str:
-    """The numbers of a panel: a line of what they are, and below it each as CSV."""
+    """The numbers of a panel: a line of what they are, and below it each as CSV.
+
+    Of more than `MOST` marks of a kind every second, or fewer; lines have no more.
+    """
     return "".join(
-        f"#{_one_line(label)}\n{''.join(map(_comma, rows))}"
+        f"#{_one_line(label)}\n{''.join(map(_comma, rows[:: 1 + len(rows) // MOST]))}"
         for label, rows in frame.data
     )
 
@@ -596,7 +600,7 @@ def _one_line(words: str) -> str:
 
 
 def _reach(sheet: Sheet) -> Array:
-    """Corners of the axes and, where they are not to be moved, of marks at their ends."""
+    """Corners of the axes and, where none is moved, of whole marks at their ends."""
     more = 0.5 if _long(sheet.panel) else MARK
     return np.array(sheet.box).reshape(2, 2) + more * np.array([[-1.0], [1.0]])
 

@@ -29,29 +29,30 @@ function csvOf(figure) {
   return `${lines.join("\n")}\n`;
 }
 function svgOf(figure) { // pictures and words at their places on the page, in light colours
-  const frame = figure.getBoundingClientRect(), paper = 16;
-  const at = (box) => `x="${(box.x - frame.x + paper).toFixed(1)}" y="${(box.y - frame.y + paper).toFixed(1)}"`;
-  const plain = document.createElement("i"); // text for XML
-  const safe = (words) => { plain.textContent = words; return plain.innerHTML; };
-  const parts = [...figure.querySelectorAll("svg")].map((svg) => {
-    const box = svg.getBoundingClientRect(), copy = svg.cloneNode(true);
-    copy.querySelectorAll(".away, .points, metadata, .chosen").forEach((part) => part.remove());
-    const size = getComputedStyle(svg).fontSize;
+  const place = "http://www.w3.org/2000/svg", paper = 16, frame = figure.getBoundingClientRect();
+  const set = (part, values) => Object.entries(values).forEach(([key, value]) => part.setAttribute(key, value));
+  const at = (box) => ({ x: box.x - frame.x + paper, y: box.y - frame.y + paper, width: box.width, height: box.height });
+  const [width, height] = [frame.width + 2 * paper, figure.querySelector("figcaption").getBoundingClientRect().y - frame.y + 2 * paper];
+  const whole = document.createElementNS(place, "svg");
+  set(whole, { viewBox: `0 0 ${width} ${height}`, width, height, "font-family": "DejaVu Sans, Verdana, sans-serif",
+    fill: "currentColor", style: "color: #16191d; background: #ffffff" });
+  for (const svg of figure.querySelectorAll("svg")) {
+    if (svg.closest(".off")) continue;
+    const copy = svg.cloneNode(true);
+    for (const part of copy.querySelectorAll(".away, .points, metadata")) part.remove();
     for (const name of ["class", "tabindex", "role", "aria-label", "aria-hidden"]) copy.removeAttribute(name);
-    copy.setAttribute("font-size", size);
-    copy.querySelectorAll("path:not([stroke-linecap])").forEach((path) => path.setAttribute("vector-effect", "non-scaling-stroke"));
-    return new XMLSerializer().serializeToString(copy)
-      .replace("<svg ", `<svg ${at(box)} width="${box.width}" height="${box.height}" `);
-  });
-  for (const entry of figure.querySelectorAll(".legend li:not(.off)")) {
-    const box = entry.getBoundingClientRect(), sample = entry.querySelector("svg").getBoundingClientRect();
-    const style = getComputedStyle(entry);
-    parts.push(`<text x="${sample.right - frame.x + paper + 6}" y="${box.y + box.height / 2 - frame.y + paper + 4.5}" font-size="${style.fontSize}">${safe(entry.textContent)}</text>`);
+    for (const path of copy.querySelectorAll("path:not([stroke-linecap])")) set(path, { "vector-effect": "non-scaling-stroke" });
+    set(copy, { ...at(svg.getBoundingClientRect()), "font-size": getComputedStyle(svg).fontSize });
+    whole.append(copy);
   }
-  const [wide, high] = [frame.width + 2 * paper, figure.querySelector("figcaption").getBoundingClientRect().y - frame.y + 2 * paper];
-  return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${wide} ${high}" width="${wide}" height="${high}" `
-    + `font-family="DejaVu Sans, Verdana, sans-serif" style="color: #16191d; background: #ffffff" fill="currentColor">`
-    + `${parts.join("\n").replace(/var\([^,]*,(#\w+)\)/g, "$1")}</svg>\n`;
+  for (const entry of figure.querySelectorAll(".legend li:not(.off)")) {
+    const { x, y, height: high } = at(entry.getBoundingClientRect());
+    const words = document.createElementNS(place, "text");
+    set(words, { x: x + 30, y: y + high / 2 + 4.5, "font-size": getComputedStyle(entry).fontSize });
+    words.textContent = entry.textContent;
+    whole.append(words);
+  }
+  return new XMLSerializer().serializeToString(whole).replace(/var\([^,]*,\s*(#\w+)\)/g, "$1");
 }
 for (const figure of document.querySelectorAll("figure[id]")) {
   const tools = document.createElement("p");
