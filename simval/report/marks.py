@@ -174,7 +174,7 @@ class Frame:
     draw: Callable[[Scale, Scale], list[Group]]
     points: Sequence[Series] = ()  # where they are drawn
     # numbers that are drawn, each with what it is: across, up, half of its bar
-    data: Sequence[tuple[str, Iterable[Sequence[Any]]]] = ()
+    data: Sequence[tuple[str, Sequence[Sequence[Any]]]] = ()
     upward: str = ""  # what the second of them is, where it is not what the axis says
     entries: Sequence[Entry] = ()
     slant: float = 0.0  # of the names below, degrees

@@ -73,7 +73,6 @@ SPREAD = 3.0
 """How many times finer than another a scale of one quantity may be, to be shared."""
 MOST = 3000  # numbers of a series that stand in the figure
 TICK, PAD = 3.0, 3.5  # its length, and what is between it and its name
-MOST_COLUMNS = 3  # of a legend
 BETWEEN = 7.0  # from the sample of a legend to its words
 SPACING = 1.2  # from one line of words to the next, in their size
 ROW = 13.0  # of names
@@ -158,18 +157,22 @@ class Plan(NamedTuple):
 
 def planned(drawing: Drawing, *, legends: bool = False) -> Plan:
     """Lay a drawing out, with the legends in it or without."""
-    panels = [[_in_lines(p), *_strips(p)] for p in drawing.panels]
+    panels = [
+        [*map(_in_lines, (panel, *getattr(panel, "strips", ())))]
+        for panel in drawing.panels
+    ]
     labels = interactivity.labels_of(p for part in panels for p in part)
     parts = [[framed(panel, labels) for panel in part] for part in panels]
     finer = _share_scales(panels, parts)
     every = _entries(frame for part in parts for frame in part)
+    # each label looks the same in every panel, and nothing else does
     one = len({e.label for e in every}) == len({*map(sample, every)}) == len(every)
     own = [[] if one else _entries(part) for part in parts]
     curves = [p for part in panels for p in part if isinstance(p, Panel)]
     up = UPS.get(drawing.columns, UP)
     if drawing.columns == 1 and len(curves) == sum(map(len, panels)):
         up = UP_LONG if any(map(_long, curves)) else up
-        if one and len({(p.x_label, p.log_x) for p in curves}) == 1:
+        if one and len({(p.x_label, p.log_x) for p in curves}) == 1:  # as over time
             panels, parts, own = [[*chain(*panels)]], [[*chain(*parts)]], [[]]
     if one and legends:
         own[-1] = every
@@ -179,10 +182,6 @@ def planned(drawing: Drawing, *, legends: bool = False) -> Plan:
         for part, frames, legend in zip(panels, parts, own, strict=True)
     ]
     return Plan(made, every if one else [], labels, finer)
-
-
-def _strips(panel: AnyPanel) -> Sequence[AnyPanel]:
-    return [*map(_in_lines, panel.strips)] if isinstance(panel, Panel) else []
 
 
 def _long(panel: AnyPanel) -> bool:
@@ -206,14 +205,14 @@ def _share_scales(
     finer = 1.0
     for (_, log), own in alike.items():
         ends = np.array([(part[0].y.low, part[0].y.high) for part in own])
-        low, high = ends[:, 0].min(), ends[:, 1].max()
-        lengths = np.diff(np.log(ends) if log else ends, axis=1)
-        whole = np.log(high / low) if log else high - low
-        if whole > SPREAD * lengths.min():
+        places = np.log(ends) if log else ends
+        lengths = np.ptp(places, axis=1)
+        if np.ptp(places) > SPREAD * lengths.min():
             finer = max(finer, float(lengths.max() / lengths.min()))
             continue
         for part in own:
-            part[0] = replace(part[0], y=replace(part[0].y, low=low, high=high))
+            y = replace(part[0].y, low=ends.min(), high=ends.max())
+            part[0] = replace(part[0], y=y)
     return finer
 
 
@@ -235,9 +234,8 @@ def _sheets(
     for panel, frame, high in zip(panels, frames, highs, strict=True):
         top = sum(sheet.height for sheet in found)
         last = len(found) == len(panels) - 1
+        named = titled and getattr(panel, "limits", None) is None  # and no strip
         own = legend if last else ()
-        strip = isinstance(panel, Panel) and panel.limits is not None
-        named = titled and not strip
         sheet = _sheet(panel, frame, left, high, top, own, last=last, titled=named)
         found.append(sheet)
     return found
@@ -274,11 +272,9 @@ def _sheet(
     """A panel with the room that its words need; the last has the names below."""
     down = EDGE if frame.y.label else 0.0
     ink: list[Ink] = []
-    label = frame.y.label  # which may say as much as the title
-    told_twice = label.startswith(frame.title) or (
-        label and frame.title.endswith(label)
-    )
-    title = frame.title if titled and not told_twice else ""
+    # the words of the axis may say as much
+    title = frame.title if titled else ""
+    title = "" if frame.y.label.startswith(title) else title
     for text, size in ((title, TITLE), (frame.y.label, SIZE)):
         if text:
             ink.append(Words(text, 1.0, down + size / 2.0, size, anchor="start"))
@@ -293,7 +289,7 @@ def _sheet(
         groups.append(_ruled(x, y, ticks, words, flat=True))
         ticks = ticks_of(frame.y, up, along=False)
         groups.append(_ruled(y, x, ticks, _beside(y, ticks, left), flat=False))
-    entries, down = _legend(legend, down) if last else ([], down + TICK)
+    entries, down = _legend(legend, left, down)
     return Sheet(
         panel=panel,
         frame=frame,
@@ -301,7 +297,7 @@ def _sheet(
         y=y,
         top=top,
         height=down,
-        groups=[*groups, *frame.draw(x, y), *entries],
+        groups=[*groups, *frame.draw(x, y), entries],
     )
 
 
@@ -353,33 +349,17 @@ def _beside(y: Scale, ticks: Ticks, left: float) -> list[Words]:
     ]
 
 
-def _legend(entries: Sequence[Entry], top: float) -> tuple[list[Group], float]:
-    """A legend below the axes, in as many columns as there is room; and the end."""
-    room = SLACK * WIDTH
-    labels = [broken(e.label, room - SAMPLE - BETWEEN, SMALL) for e in entries]
-    for count in range(min(len(entries), MOST_COLUMNS), 0, -1):
-        size = -(-len(entries) // count)
-        columns = [
-            range(len(entries))[i : i + size] for i in range(0, len(entries), size)
-        ]
-        wide = [max(_wide(labels[i], SMALL) for i in column) for column in columns]
-        across = sum(wide) + len(wide) * (SAMPLE + BETWEEN) + SIZE * (len(wide) - 1)
-        if across <= room:
-            break
-    else:  # there is none
-        return [], top + EDGE
-    groups, x, foot = [], (WIDTH - across) / 2.0, top
-    for column, own in zip(columns, wide, strict=True):
-        y = top + 2.0 * EDGE
-        for i in column:
-            first = y + SMALL / 2.0
-            ink = [_moved(ink, np.array([x, first])) for ink in entries[i].ink]
-            after = x + SAMPLE + BETWEEN
-            words = Words(labels[i], after, first, SMALL, anchor="start")
-            groups.append(Group([*ink, words], inside=False))
-            y += _high(labels[i], SMALL) + 4.0
-        foot, x = max(foot, y), after + own + SIZE
-    return groups, foot + EDGE
+def _legend(entries: Sequence[Entry], left: float, top: float) -> tuple[Group, float]:
+    """A legend below the axes, an entry on a line; and its end."""
+    ink: list[Ink] = []
+    for entry in entries:
+        name = broken(entry.label, SLACK * WIDTH - left - SAMPLE - BETWEEN, SMALL)
+        first = top + 2.0 * EDGE
+        ink += [_moved(each, np.array([left, first])) for each in entry.ink]
+        words = left + SAMPLE + BETWEEN, first
+        ink.append(Words(name, *words, SMALL, anchor="start"))
+        top += _high(name, SMALL) + 4.0
+    return Group(ink, inside=False), top + EDGE
 
 
 def _moved(ink: Lines | Marks, by: Array) -> Lines | Marks:
@@ -737,7 +717,8 @@ def _add(
         how |= {"size": ink.size, "rotation": ink.turn, "ha": sides[ink.anchor]}
         artists += [Text(x, y, text, **how) for text, x, y in _placed_lines(ink)]
     elif isinstance(ink, Marks):
-        how = {"ls": "none", "marker": ink.marker, "ms": MARK, "mew": 0.5}
+        size = MARK * (2.0 if ink.marker == "_" else 1.0)
+        how = {"ls": "none", "marker": ink.marker, "ms": size, "mew": 0.5}
         how |= {"fillstyle": "none" if ink.hollow else "full"}
         artists.append(Line2D(*ink.places.T, color=_dark(ink.colour), **how))
     else:

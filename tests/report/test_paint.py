@@ -18,6 +18,7 @@ from simval.report.marks import (
     even_ticks,
     framed,
     log_ticks,
+    minor_ticks,
     percent,
     spelled,
 )
@@ -396,6 +397,64 @@ def test_very_many_points_have_no_discs(count, found):
     # and its caption says so
     page = str(made([drawing]).body)
     assert ("do not show their values" in page) == (not found)
+
+
+def over_time(*labels, scale=1.0):
+    """Panels of one quantity over the same time, each with a line."""
+    return [
+        Panel(
+            title=f"panel {k}", x_label="time, s", y_label="angle, degrees",
+            series=[Series(label=label, x=X + k, y=scale**k * X, line="-")],
+            spans=[(1.0, 1.5)], log_x=False, log_y=False,
+        )
+        for k, label in enumerate(labels)
+    ]  # fmt: skip
+
+
+def test_panels_that_are_alike_share_an_axis_a_scale_and_a_legend():
+    alike = drawing_of(*over_time("a", "a"), columns=1)
+    plan, pictures = shown(alike)
+    assert len(pictures) == len(plan.parts) == 1
+    assert pictures[0].count(">time, s<") == 1
+    assert [entry.label for entry in plan.legend] == ["a", "at rest"]
+    first, second = plan.parts[0].sheets
+    assert first.x == second.x
+    assert first.x.axis.low < 1.0 < 3.0 < first.x.axis.high
+    # a label that looks like another one elsewhere stands with its panel
+    plan, pictures = shown(drawing_of(*over_time("a", "b"), columns=1))
+    assert len(pictures) == 2
+    assert plan.legend == []
+    assert [part.legend[0].label for part in plan.parts] == ["a", "b"]
+
+
+@pytest.mark.parametrize(("scale", "shared"), [(2.0, True), (100.0, False)])
+def test_panels_of_a_quantity_have_one_scale_or_it_is_said(scale, shared):
+    drawing = drawing_of(*over_time("a", "a", scale=scale))
+    plan = shown(drawing)[0]
+    first, second = (part.sheets[0].frame.y for part in plan.parts)
+    assert (first.high == second.high) == shared
+    page = str(made([drawing]).body)
+    assert ("Their scales differ by up to 100 times" in page) == (not shared)
+
+
+def test_a_legend_says_what_is_shaded_hollow_or_a_limit():
+    limit = Series(label="a", x=X, y=X, band=np.array([2.0, 0.1]))
+    panel = panel_of(limit, references=[(0.1, "allowed"), (9.0, "")], spans=[(1, 1.5)])
+    entries = shown(drawing_of(panel))[0].legend
+    words = ["a", "allowed", "at rest", "upper limit: the bar reaches 0"]
+    assert [entry.label for entry in entries] == words
+    hollow = [
+        ink for entry in entries for ink in entry.ink if getattr(ink, "hollow", 0)
+    ]
+    assert len(hollow) == 1
+
+
+def test_a_logarithmic_axis_has_ticks_between_its_names():
+    axis = framed(panel_of(Series(label="", x=X, y=np.array([1.0, 1e3]))), []).y
+    ticks = minor_ticks(axis)
+    assert {20.0, 90.0, 200.0} < {*ticks}
+    assert all(axis.low <= tick <= axis.high for tick in ticks)
+    assert minor_ticks(replace(axis, log=False)) == []
 
 
 def keys_of(drawing):
