@@ -217,9 +217,8 @@ def _declared(
 ) -> Declared:
     import numpy as np
 
-    from simval.geometry import normalize
+    from simval.geometry import attitude_matrix, normalize
     from simval.imu.audit import Declared
-    from simval.path import to_world
 
     def vector(name: str, words: str | None, size: int) -> Float[Array, " n"] | None:
         own = given.get(name)
@@ -239,7 +238,7 @@ def _declared(
     }
     return Declared(
         lever=vector("lever", lever, 3), gravity=vector("gravity", gravity, 3),
-        mount=None if q is None else to_world(normalize(q)[None])[0].T, noise=claimed,
+        mount=None if q is None else attitude_matrix(normalize(q)), noise=claimed,
     )  # fmt: skip
 
 

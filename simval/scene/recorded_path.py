@@ -16,7 +16,7 @@ from simval.errors import InputError
 from simval.geometry import conjugate
 from simval.imu.audit.simulated import evened
 from simval.imu.logs import read_positions, read_truth
-from simval.path import PosePath, in_body
+from simval.path import PosePath
 from simval.scene.trajectory import Trajectory
 from simval.shapes import Float
 from simval.units import G0
@@ -84,7 +84,7 @@ def recorded_trajectory(
     force, other = (x.specific_force(np.zeros(3), gravity) for x in (fine, coarse))
     return Trajectory(
         time=at_rows, specific_force=force, angular_velocity=fine.rate,
-        magnetic_field=in_body(fine.attitude, np.broadcast_to(field, force.shape)),
+        magnetic_field=np.vecmat(field, fine.attitude),
         attitude=fine.quaternion, hold=np.full(count, -1, dtype=np.intp), unsettled=(),
         gravity=gravity, magnetic=field, rest_force=0.0, rest_rate=0.0,
         position=fine.position,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.geometry import from_rotation_vector
+from simval.geometry import attitude_matrix, conjugate, from_rotation_vector
 from simval.imu.audit.regression import (
     Explained,
     Regression,
@@ -20,7 +20,6 @@ from simval.imu.audit.regression import (
     bands_of,
 )
 from simval.imu.audit.terms import BIAS, ENDS, Expansion, Piece, SensorTerms
-from simval.path import in_body, to_world
 from simval.shapes import Float
 
 Flags = NDArray[np.bool_]
@@ -218,7 +217,7 @@ class Search:
         mount = state.mount
         if "mount" in self.place:
             turn = from_rotation_vector(value[self.place["mount"]])
-            mount = mount @ to_world(turn[None])[0]
+            mount = mount @ attitude_matrix(conjugate(turn))
         size = 1.0 + self.first("scale", value)
         motion = self._sensor.nominal() * (size if abs(size) > SILENT else 1.0)
         if self._sensor.motions:
@@ -385,7 +384,7 @@ def look(
         motion = np.concatenate([each[0] for each in made])
         y = np.concatenate([p.readings[sensor.name] for *_, p in made])
         world = np.concatenate(
-            [in_body(now.attitude, p.readings[sensor.name]) for _, now, p in made]
+            [np.vecmat(p.readings[sensor.name], now.attitude) for _, now, p in made]
         )
         return motion, y, world
 

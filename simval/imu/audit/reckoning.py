@@ -12,10 +12,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from simval.arrays import Array
-from simval.geometry import compose, conjugate, from_rotation_vector, rotation_vector
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    conjugate,
+    from_rotation_vector,
+    rotation_vector,
+)
 from simval.imu.audit.fewest import SensorAudit
 from simval.imu.audit.terms import Piece
-from simval.path import PosePath, in_world, to_world
+from simval.path import PosePath
 from simval.shapes import Float
 
 SECONDS: Final = 3.0
@@ -92,8 +98,8 @@ class KnownStart(NamedTuple):
     def of(cls, path: PosePath, time: Array, lever: Array) -> "KnownStart":
         """Of a place in the body."""
         ends = path.at(time[[0, -1]])
-        arm = in_world(ends.attitude, np.tile(lever, (2, 1)))
-        turning = in_world(ends.attitude, np.cross(ends.rate, lever))
+        arm = np.matvec(ends.attitude, np.tile(lever, (2, 1)))
+        turning = np.matvec(ends.attitude, np.cross(ends.rate, lever))
         velocity, position = ends.velocity + turning, ends.position + arm
         return cls(time, ends.quaternion[0], velocity, position)
 
@@ -109,14 +115,14 @@ class KnownStart(NamedTuple):
         attitudes = [q]
         for turn in from_rotation_vector(rate * steps):
             attitudes.append(compose(attitudes[-1], turn))
-        R = to_world(np.array(attitudes))
+        R = attitude_matrix(conjugate(np.array(attitudes)))
         if kinds[1] == 0.0:
-            world = in_world(R, readings[1])
+            world = np.matvec(R, readings[1])
             world = (world[1:] + world[:-1]) / 2.0
         else:
             half = from_rotation_vector(rate * steps / 2.0)
             middle = compose(np.array(attitudes[:-1]), half)
-            world = in_world(to_world(middle), force)
+            world = np.matvec(attitude_matrix(conjugate(middle)), force)
         velocity = self.velocity[0] + np.cumsum((world + gravity) * steps, axis=0)
         before = np.vstack([self.velocity[:1], velocity[:-1]])
         end = self.position[0] + np.sum((velocity + before) / 2.0 * steps, axis=0)

@@ -28,7 +28,7 @@ from simval.arrays import Array
 from simval.geometry import cross
 from simval.imu.audit.regression import AuditTerm, TermRows
 from simval.imu.audit.simulated import LEAST, Declared, SimulatedImu
-from simval.path import Kinematics, PosePath, in_body, in_world
+from simval.path import Kinematics, PosePath
 from simval.shapes import Bool, Float
 
 LONGEST: Final = 1 << 15  # rows of a piece
@@ -301,7 +301,7 @@ class SensorTerms:
     @staticmethod
     def in_body(reading: Array, now: Kinematics, state: Expansion) -> Array:
         """Readings in body axes, by the axes that they are taken to have."""
-        turned = in_body(now.attitude, reading) if state.world else reading
+        turned = np.vecmat(reading, now.attitude) if state.world else reading
         return turned @ state.mount
 
 
@@ -389,9 +389,9 @@ class AccelerometerTerms(SensorTerms):
         R, g = now.attitude, float(np.linalg.norm(self.declared.down))
 
         def here(rows: Array, other: Array) -> Array:  # in body axes of now
-            return rows if other is R else in_body(R, in_world(other, rows))
+            return rows if other is R else np.vecmat(np.matvec(other, rows), R)
 
-        columns = [in_body(R, then.acceleration)]
+        columns = [np.vecmat(then.acceleration, R)]
         columns += [g * R[:, k] for k in range(3)]
         if past:  # the whole acceleration is of then
             swung = [cross(then.angular_acceleration, axis) for axis in _EYE]
@@ -401,7 +401,7 @@ class AccelerometerTerms(SensorTerms):
             columns += [cross(turn, axis) for axis in _EYE]
         pulled = [cross(rate, cross(rate, axis)) for axis in _EYE]
         columns += [here(each, turned) for each in pulled]
-        columns.append(cross(now.rate, in_body(R, now.velocity)))
+        columns.append(cross(now.rate, np.vecmat(now.velocity, R)))
         return np.stack(columns, axis=-1), now
 
     def timing(
@@ -420,7 +420,7 @@ class AccelerometerTerms(SensorTerms):
         arm = own[self.place["Euler"]]
 
         def later(rows: Array) -> Array:  # a step, of a vector of the world
-            return in_body(R, rate(in_world(R, rows)))
+            return np.vecmat(rate(np.matvec(R, rows)), R)
 
         late = later(moved) + cross(later(turn), arm)
         whole = moved + swung @ arm
