@@ -121,10 +121,10 @@ class PosePath:
         self.step = float(np.median(np.diff(time)))
         signs = np.sign(np.vecdot(attitude[1:], attitude[:-1]))
         turned = attitude * np.cumprod(np.append(1.0, signs))[:, None]
-        self._poses = np.hstack([position, turned])
+        self.poses = np.hstack([position, turned])
         # in steps from the start: powers of a step stay near 1
         self._spline = scipy.interpolate.make_interp_spline(
-            (time - self.start) / self.step, self._poses, degree
+            (time - self.start) / self.step, self.poses, degree
         )
 
     def at(self, time: Float[Array, " n"]) -> Kinematics:

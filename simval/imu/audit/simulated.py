@@ -156,6 +156,11 @@ class Declared(ReadOnly):
         """Acceleration of gravity that the ideal reading has."""
         return np.array([0.0, 0.0, -G0]) if self.gravity is None else self.gravity
 
+    @property
+    def up(self) -> Float[Array, "3"]:
+        """Its opposite's direction: what an accelerometer at rest reads."""
+        return -self.down / np.linalg.norm(self.down)
+
 
 def evened(name: str, value: Array) -> Array:
     """Stamps that increase, in even steps where these were rounded."""
