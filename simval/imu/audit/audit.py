@@ -12,10 +12,10 @@ from simval.errors import InputError
 from simval.imu.audit.fewest import Flags, Item, SensorAudit, judged
 from simval.imu.audit.ideal import Ideal
 from simval.imu.audit.noise_claims import Claim, Shared, claims
-from simval.imu.audit.pieces import SENSORS, pieces_of
+from simval.imu.audit.pieces import pieces_of
 from simval.imu.audit.reckoning import Reckoning, reckoned
 from simval.imu.audit.regression import TINY
-from simval.imu.audit.simulated import Declared, SimulatedImu
+from simval.imu.audit.simulated import SENSORS, Declared, SimulatedImu
 from simval.imu.audit.terms import FRAMES, NEAR
 from simval.shapes import Float
 from simval.spelling import chance, counted, measured

@@ -13,11 +13,10 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.geometry import normalize
-from simval.imu.audit.simulated import LEAST, SimulatedImu
+from simval.imu.audit.simulated import LEAST, SENSORS, SimulatedImu
 from simval.path import Kinematics, PosePath
 from simval.shapes import Bool, Float
 
-SENSORS: Final = ("gyroscope", "accelerometer")
 LONGEST: Final = 1 << 15  # rows of a piece
 MOST: Final = 8  # pieces
 HOLE: Final = 3.0  # steps without a row
