@@ -10,10 +10,11 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.imu.audit.ideal import BIAS, SILENT, Ideal, State, TermRows
+from simval.imu.audit.ideal import SILENT, Ideal, State, TermRows
 from simval.imu.audit.pieces import Piece, Pieces
 from simval.imu.audit.regression import TINY, Fit, Regression
 from simval.imu.audit.terms import Term
+from simval.path import Kinematics
 from simval.shapes import Float
 
 Flags = NDArray[np.bool_]
@@ -138,11 +139,11 @@ def judged(
                 each.target[far] = (each.columns @ value)[far]
         regression = Regression(rows, ideal.terms)
         explained, fit = regression.fewest(rate)
-        if not turn:
-            _mark(rows, bad, regression.whole)
-        _mark(rows, bad, fit)
-        value = fit.value
-        before, state = state, ideal.moved(state, regression.split(value))
+        value = regression.whole.value
+        for each, far in zip(rows, bad, strict=True):
+            found = _far(each, each.left(value))
+            far |= found & (found.mean() <= SPIKE_SHARE)
+        before, state = state, ideal.moved(state, regression.split(fit.value))
         if turn and state.near(before):
             break
     if explained == "no":  # no name is better than a guess
@@ -159,15 +160,16 @@ def judged(
     size = _size(np.concatenate([each.ideal for each in rows]))
     rest = _size(np.concatenate(left)) / max(size, TINY)
     delay = items["delay"]
+    names = [each.name for each in ideal.terms if not each.wrong]
+    fitted = {"bias" if name == "constant" else name: name for name in names}
     return SensorAudit(
         name=ideal.name, items=items,
-        fitted={each.name: (own[each.name], sd[each.name]) for each in fit.terms
-                if not each.wrong},
+        fitted={name: (own[key], sd[key]) for name, key in fitted.items()},
         instant=fit.instant, delay=fit.instant + delay.wrong * float(delay.value[0]),
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
         deviation=regression.deviation, spikes=np.concatenate(spikes),
         left=[(p.time, x) for p, x in zip(pieces.smooth, left, strict=True)],
-        constant=own["bias"] + own["constant"],
+        constant=own["constant"],
         bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
         size=size, unexplained=0.0 if explained == "all" else rest,
     )  # fmt: skip
@@ -195,19 +197,13 @@ def _items(
             term, value, sd, allowed, chosen and bool(abs(value[0]) >= term.held),
             allowed < PRESENT * least,
         )  # fmt: skip
-    bias, sd = own["bias"], regression.split(fit.sd)["bias"]
-    constant = items["constant"]
-    if not constant.wrong and np.linalg.norm(bias) > LARGE * BIAS[ideal.name]:
-        constant = Item(constant.term, bias, sd, z * sd, True, constant.judged)
+    constant = next(each for each in ideal.terms if each.name == "constant")
+    value, sd = own["constant"], regression.split(fit.sd)["constant"]
+    allowed = np.full(3, LARGE * constant.sd)
+    far = bool(np.linalg.norm(value) > LARGE * constant.sd)
     # what is not seen of it is none
-    items["constant"] = constant._replace(judged=np.ones(3, bool))
+    items["constant"] = Item(constant, value, sd, allowed, far, np.ones(3, bool))
     return items
-
-
-def _mark(rows: Sequence[TermRows], bad: Sequence[Flags], fit: Fit) -> None:
-    for each, flags in zip(rows, bad, strict=True):
-        found = _far(each, each.left(fit.value))
-        flags |= found & (found.mean() <= SPIKE_SHARE)
 
 
 def _far(rows: TermRows, left: Float[Array, "n 3"]) -> Flags:
@@ -231,36 +227,33 @@ def look(
         each.rows(slice(None, None, max(1, len(each.time) * len(pieces) // THIN)))
         for each in pieces
     ]
+    given = np.concatenate([each.readings[ideal.name] for each in thin])
+
+    def at(late: float) -> Kinematics:
+        each = [piece.path.at(piece.time - late) for piece in thin]
+        return Kinematics(*map(np.concatenate, zip(*each, strict=True)))
+
+    def seen(late: float) -> tuple[dict[str, Array], Array]:
+        # columns of motion, and readings turned from the world
+        made = ideal.motion(at, late * ideal.step * first)
+        return made, np.vecmat(given, at(late * ideal.step).attitude)
+
     first = np.eye(len(ideal.times))[0]
-
-    def seen(late: float) -> list[Array]:
-        # columns of motion, the ideal, and readings, as they are and turned
-        parts = []
-        for piece in thin:
-            at, given = piece.truth(piece.path), piece.readings[ideal.name]
-            made = ideal.motion(at, late * ideal.step * first)
-            columns = [each.reshape(*given.shape, -1) for each in made.values()]
-            turned = np.vecmat(given, at(late * ideal.step).attitude)
-            parts.append(
-                (np.concatenate(columns, axis=2), made["ideal"], given, turned)
-            )
-        return [np.concatenate(each) for each in zip(*parts, strict=True)]
-
     far = np.concatenate([np.arange(1, 8), np.arange(8, FARTHEST + 1, 4)])
     grid = np.concatenate([[0.0], far, -far])
     grid = grid[np.abs(grid) < len(thin[0].time)]
     squares = []
     for late in grid:
-        _, right, *given = seen(late)
-        columns = np.column_stack([right, np.ones(len(right))])
-        squares.append([_left(columns, each) for each in given])
+        made, turned = seen(late)
+        columns = np.column_stack([made["ideal"], np.ones(len(given))])
+        squares.append([_left(columns, each) for each in (given, turned)])
     best = np.min(squares, axis=0)
     world = bool(best[1] < HALF * best[0])
     own = np.array(squares)[:, int(world)]
     near = own[np.abs(grid) <= NEAR].min()
     late = float(grid[np.argmin(own)]) if own.min() < HALF * near else 0.0
-    motion, right, *given = seen(late)
-    y, declared = given[int(world)], ideal.declared.mount
+    made, turned = seen(late)
+    y, declared, right = turned if world else given, ideal.declared.mount, made["ideal"]
     if world:
         candidates: list[tuple[str, Array]] = [("world", np.eye(3))]
     elif declared is None:
@@ -269,8 +262,9 @@ def look(
     else:
         candidates = [("", declared), ("body", np.eye(3)), ("inverse", declared.T)]
         candidates += [("exchanged", each @ declared) for each in _SIGNED]
-    eye = np.broadcast_to(np.eye(3), (len(y), 3, 3))
-    columns = np.concatenate([motion, eye], axis=2).reshape(y.size, -1)
+    columns = np.hstack([
+        np.tile(np.eye(3), (len(y), 1)), *(x.reshape(y.size, -1) for x in made.values())
+    ])  # fmt: skip
     left = [_left(columns, (y @ mount).reshape(-1, 1)) for _, mount in candidates]
     least = int(np.argmin(left))
     frame, mount = candidates[least if left[least] < HALF * left[0] else 0]

@@ -33,7 +33,7 @@ BIAS: Final = {"gyroscope": 0.1, "accelerometer": 0.5}
 """Standard deviation of a bias that nobody declared, rad/s and m/s^2."""
 FAR: Final = 10.0  # of a lever arm, m
 TIMES: Final = ("delay", "instants", "difference", "rate")
-OF_A_RATE: Final = ("bias", "scale", "mount", "axes", "delay", "constant")
+OF_A_RATE: Final = ("scale", "mount", "axes", "delay", "constant")
 _UNIT: Final = np.eye(3)
 _PAIRS: Final = [(1, 2), (2, 0), (0, 1)]
 _MATRICES: Final = np.array(
@@ -81,7 +81,7 @@ class Ideal:
         rate = name == "gyroscope"
         self.times = TIMES[:1] if rate else TIMES
         self.motion = self._rate if rate else self._force
-        fitted = {"bias": BIAS[name]}
+        fitted = {"constant": BIAS[name]}
         if declared.lever is None:
             fitted["lever"] = FAR
         left_out = {"g"} if declared.gravity is not None else set()
@@ -151,7 +151,7 @@ class Ideal:
         first = 3 * (self.declared.mount is None)
         columns |= {"scale": ideal[..., None], "mount": square[..., :3]}
         columns["axes"] = square[..., first:]
-        columns["bias"] = columns["constant"] = np.broadcast_to(_UNIT, (len(now), 3, 3))
+        columns["constant"] = np.broadcast_to(_UNIT, (len(now), 3, 3))
         widths = [columns[each.name].shape[2] for each in self.terms]
         ends = np.cumsum(widths).tolist()
         errors = [
