@@ -92,7 +92,7 @@ class SensorAudit:
         Noise of a row on each axis, (3,).
     spikes : Array
         Times of readings far off, s.
-    left : list of (time, rows)
+    left : list of Array
         What the fit leaves of each piece, body axes.
     bound : float
         Root mean square of the error of the ideal.
@@ -114,7 +114,7 @@ class SensorAudit:
     constant: Float[Array, "3"]
     deviation: Float[Array, "3"]
     spikes: Float[Array, " s"]
-    left: list[tuple[Array, Array]]
+    left: list[Array]
     bound: float
     size: float
     unexplained: float
@@ -168,7 +168,7 @@ def judged(
         instant=fit.instant, delay=fit.instant + delay.wrong * float(delay.value[0]),
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
         deviation=regression.deviation, spikes=np.concatenate(spikes),
-        left=[(p.time, x) for p, x in zip(pieces.smooth, left, strict=True)],
+        left=left,
         constant=own["constant"],
         bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
         size=size, unexplained=0.0 if explained == "all" else rest,

@@ -10,8 +10,9 @@ In body axes, at the time :math:`t - d` of the truth,
 Right are :math:`M = I`, s = 1, c the negative of gravity, :math:`r_E = r_C` the place
 of the sensor, k = 0 and d = 0. The accelerations (p'' and :math:`\alpha`) may be of an
 instant of their own, all that accelerates of another one, and the rate in the
-centripetal term of a third. Each term of time has two columns: what a step of delay
-changes, and the 24th part of the second derivative, the mean over a step.
+centripetal term of a third. A term of time has the column of what a step of delay
+changes, and, where it may be a mean over steps, the 24th part of the second
+derivative.
 """
 
 from collections.abc import Mapping
@@ -32,7 +33,8 @@ FARTHEST: Final = 2.0  # steps that a time moves in a round
 BIAS: Final = {"gyroscope": 0.1, "accelerometer": 0.5}
 """Standard deviation of a bias that nobody declared, rad/s and m/s^2."""
 FAR: Final = 10.0  # of a lever arm, m
-TIMES: Final = ("delay", "instants", "difference", "rate")
+TIMES: Final = {"delay": 2, "instants": 2, "difference": 2, "rate": 1}
+"""Columns of the terms of time, in the order of a state's times."""
 OF_A_RATE: Final = ("scale", "mount", "axes", "delay", "constant")
 _UNIT: Final = np.eye(3)
 _PAIRS: Final = [(1, 2), (2, 0), (0, 1)]
@@ -79,18 +81,15 @@ class Ideal:
     def __init__(self, name: str, declared: Declared, step: float) -> None:
         self.name, self.declared, self.step = name, declared, step
         rate = name == "gyroscope"
-        self.times = TIMES[:1] if rate else TIMES
+        self.times = [*TIMES][: 1 if rate else None]
         self.motion = self._rate if rate else self._force
-        fitted = {"constant": BIAS[name]}
-        if declared.lever is None:
-            fitted["lever"] = FAR
-        left_out = {"g"} if declared.gravity is not None else set()
-        left_out |= {"mount"} if declared.mount is not None else set()
+        prior = {"constant": BIAS[name]}
+        prior |= {"lever": FAR} if declared.lever is None else {}
+        known = {"g": declared.gravity, "mount": declared.mount}
         self.terms: tuple[Term, ...] = tuple(
-            each._replace(sd=fitted.get(each.name, each.sd))
+            each._replace(sd=prior.get(each.name, each.sd))
             for each in TERMS
-            if each.name in OF_A_RATE or not rate
-            if each.name not in left_out
+            if (each.name in OF_A_RATE or not rate) and known.get(each.name) is None
         )
 
     def _rate(self, at: Truth, late: Array) -> dict[str, Array]:
@@ -145,7 +144,8 @@ class Ideal:
                 for sign in (-1.0, 1.0)
             )
             bent = 4.0 * (after + before - 2.0 * now)
-            columns[name] = np.stack([after - before, bent / 24.0], axis=2)
+            both = np.stack([after - before, bent / 24.0], axis=2)
+            columns[name] = both[..., : TIMES[name]]
             target = target + (after - before) * state.times[k]
         square = np.einsum("kij,nj->nik", _MATRICES, ideal)
         first = 3 * (self.declared.mount is None)

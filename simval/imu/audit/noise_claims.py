@@ -58,7 +58,7 @@ class Shared(NamedTuple):
 
 def noise_rows(found: SensorAudit) -> Float[Array, "n 3"] | None:
     """What is left of the longest piece in sensor axes; None where it is no noise."""
-    left = max((rows for _, rows in found.left), key=len)
+    left = max(found.left, key=len)
     noisy = np.sqrt(np.mean(left**2)) > CLEAR * found.bound + FAINT * found.size
     explained = noisy and not found.wrong and not found.unexplained
     return left @ found.mount.T if explained and len(left) >= LEAST else None

@@ -93,19 +93,17 @@ def reckoned(
     speed = ends.velocity + np.matvec(R, np.cross(ends.rate, lever))
 
     def off(rows: Sequence[Array], late: Sequence[float]) -> tuple[float, float]:
-        """Distance from the truth at the end, m, and the velocity's, m/s."""
-        pairs = [_of_steps(*each) for each in zip(rows, late, strict=True)]
+        # distance from the truth at the end, m, and the velocity's, m/s
+        rates, forces = map(_of_steps, rows, late)
         steps = np.diff(time)[:, None]
-        turns = from_rotation_vector((pairs[0][0] + pairs[0][1]) / 2.0 * steps)
         path = [q]
-        for turn in turns:
+        for turn in from_rotation_vector(np.mean(rates, axis=0) * steps):
             path.append(compose(path[-1], turn))
         to_world = attitude_matrix(conjugate(np.array(path)))
-        force = np.matvec(to_world[:-1], pairs[1][0])
-        force = (force + np.matvec(to_world[1:], pairs[1][1])) / 2.0
-        course = speed[0] + np.cumsum((force + gravity) * steps, axis=0)
-        before = np.vstack([speed[:1], course[:-1]])
-        end = place[0] + np.sum((course + before) / 2.0 * steps, axis=0)
+        force = np.matvec(to_world[:-1], forces[0]) + np.matvec(to_world[1:], forces[1])
+        gained = np.cumsum((force / 2.0 + gravity) * steps, axis=0)
+        course = speed[0] + np.vstack([np.zeros((1, 3)), gained])
+        end = place[0] + np.trapezoid(course, time, axis=0)
         return (
             float(np.linalg.norm(end - place[1])),
             float(np.linalg.norm(course[-1] - speed[1])),
@@ -116,7 +114,7 @@ def reckoned(
     once = np.array([g * T**3 / 6.0, T**2 / 2.0])
     twice = 3.0 * h * np.array([g**2 * T**5 / 20.0, T**3 / 3.0])
     bias = [float(np.linalg.norm(each.fitted["bias"][1])) for each in found]
-    noise = [np.mean(np.concatenate([x for _, x in each.left]) ** 2) for each in found]
+    noise = [np.mean(np.concatenate(each.left) ** 2) for each in found]
     sampled = off(ideal, late)[0]
     allowed = sampled + CERTAIN * (np.sqrt(twice @ noise) + once @ bias)
     allowed += once @ [each.bound for each in found]
