@@ -115,7 +115,10 @@ class PosePath:
         position = physical_array("position", position, (len(time), 3))
         attitude = unit_quaternions("attitude", attitude)
         if len(time) < LEAST or not np.all(np.diff(time) > 0.0):
-            msg = f"{len(time)} poses: {LEAST} or more are needed, in order of time"
+            msg = (
+                f"{len(time)} poses, or not in order of time, are no path; give "
+                f"{LEAST} or more, in order"
+            )
             raise InputError(msg)
         self.start, self.stop = float(time[0]), float(time[-1])
         self.step = float(np.median(np.diff(time)))

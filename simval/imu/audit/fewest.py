@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.imu.audit.ideal import SILENT, Ideal, State, TermRows
-from simval.imu.audit.pieces import Piece, Pieces
+from simval.imu.audit.pieces import Piece, Pieces, Truth
 from simval.imu.audit.regression import TINY, Fit, Regression
 from simval.imu.audit.terms import Term
-from simval.path import Kinematics
+from simval.path import Kinematics, PosePath
 from simval.shapes import Float
 
 Flags = NDArray[np.bool_]
@@ -89,7 +89,7 @@ class SensorAudit:
     constant : Array
         Bias and constant, body axes, (3,).
     deviation : Array
-        Noise of a row on each axis, (3,).
+        What the fit leaves of a row on each axis of the sensor, root mean square, (3,).
     spikes : Array
         Times of readings far off, s.
     left : list of Array
@@ -158,7 +158,8 @@ def judged(
         spikes.append(pieces.start.time[far[: len(first.ideal)]])
     own, sd = regression.split(fit.value), regression.split(fit.sd)
     size = _size(np.concatenate([each.ideal for each in rows]))
-    rest = _size(np.concatenate(left)) / max(size, TINY)
+    every = np.concatenate(left) @ state.mount.T
+    rest = _size(every) / max(size, TINY)
     delay = items["delay"]
     names = [each.name for each in ideal.terms if not each.wrong]
     fitted = {"bias" if name == "constant" else name: name for name in names}
@@ -167,7 +168,7 @@ def judged(
         fitted={name: (own[key], sd[key]) for name, key in fitted.items()},
         instant=fit.instant, delay=fit.instant + delay.wrong * float(delay.value[0]),
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
-        deviation=regression.deviation, spikes=np.concatenate(spikes),
+        deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=np.concatenate(spikes),
         left=left,
         constant=own["constant"],
         bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
@@ -191,7 +192,7 @@ def _items(
         value, sd = beside.value[at], beside.sd[at]
         if term.name == "delay":
             value = value - fit.instant
-        allowed = z * sd + regression.bound(beside)[at]
+        allowed = np.maximum(z * sd + regression.bound(beside)[at], term.held)
         least = term.whole or max(float(arm), LEAST_ARM)
         items[term.name] = Item(
             term, value, sd, allowed, chosen and bool(abs(value[0]) >= term.held),
@@ -210,7 +211,8 @@ def _far(rows: TermRows, left: Float[Array, "n 3"]) -> Flags:
     # readings far off
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
     size = np.hypot(_size(rows.ideal), _size(rows.reading))
-    off = np.sum(np.abs(rows.errors), axis=0)
+    *errors, rounding = np.abs(rows.errors)  # of which a spline has more at its ends
+    off = np.sum(errors, axis=0) + rounding.max(axis=1, keepdims=True)
     far = np.abs(left[: len(off)]) > SPIKE * noise + BOUND * off + SPIKE_SHARE * size
     return np.any(far, axis=1)
 
@@ -229,16 +231,31 @@ def look(
     ]
     given = np.concatenate([each.readings[ideal.name] for each in thin])
 
-    def at(late: float) -> Kinematics:
-        each = [piece.path.at(piece.time - late) for piece in thin]
-        return Kinematics(*map(np.concatenate, zip(*each, strict=True)))
+    def along(paths: Sequence[PosePath]) -> Truth:
+        def at(late: float) -> Kinematics:
+            each = [p.at(x.time - late) for p, x in zip(paths, thin, strict=True)]
+            return Kinematics(*map(np.concatenate, zip(*each, strict=True)))
+
+        return at
+
+    at = along([each.path for each in thin])
+    first = np.eye(len(ideal.times))[0]
 
     def seen(late: float) -> tuple[dict[str, Array], Array]:
         # columns of motion, and readings turned from the world
         made = ideal.motion(at, late * ideal.step * first)
         return made, np.vecmat(given, at(late * ideal.step).attitude)
 
-    first = np.eye(len(ideal.times))[0]
+    rounded = ideal.motion(along([each.rounded for each in thin]), 0.0 * first)
+    known = float(np.sum((rounded["ideal"] - seen(0.0)[0]["ideal"]) ** 2))
+
+    def left(columns: Array, y: Array) -> float:
+        # squares that any coefficients leave, what is no reading, and the truth's
+        # rounding: a frame that leaves less is none
+        found, *_ = np.linalg.lstsq(columns, y, rcond=None)
+        squares = np.sum((y - columns @ found) ** 2) + SILENT**2 * np.sum(y**2)
+        return float(squares) + known
+
     far = np.concatenate([np.arange(1, 8), np.arange(8, FARTHEST + 1, 4)])
     grid = np.concatenate([[0.0], far, -far])
     grid = grid[np.abs(grid) < len(thin[0].time)]
@@ -246,12 +263,12 @@ def look(
     for late in grid:
         made, turned = seen(late)
         columns = np.column_stack([made["ideal"], np.ones(len(given))])
-        squares.append([_left(columns, each) for each in (given, turned)])
+        squares.append([left(columns, each) for each in (given, turned)])
     best = np.min(squares, axis=0)
     world = bool(best[1] < HALF * best[0])
-    own = np.array(squares)[:, int(world)]
-    near = own[np.abs(grid) <= NEAR].min()
-    late = float(grid[np.argmin(own)]) if own.min() < HALF * near else 0.0
+    by_delay = np.array(squares)[:, int(world)]
+    near = by_delay[np.abs(grid) <= NEAR].min()
+    late = float(grid[np.argmin(by_delay)]) if by_delay.min() < HALF * near else 0.0
     made, turned = seen(late)
     y, declared, right = turned if world else given, ideal.declared.mount, made["ideal"]
     if world:
@@ -265,16 +282,10 @@ def look(
     columns = np.hstack([
         np.tile(np.eye(3), (len(y), 1)), *(x.reshape(y.size, -1) for x in made.values())
     ])  # fmt: skip
-    left = [_left(columns, (y @ mount).reshape(-1, 1)) for _, mount in candidates]
-    least = int(np.argmin(left))
-    frame, mount = candidates[least if left[least] < HALF * left[0] else 0]
+    own = [left(columns, (y @ mount).reshape(-1, 1)) for _, mount in candidates]
+    least = int(np.argmin(own))
+    frame, mount = candidates[least if own[least] < HALF * own[0] else 0]
     return State(late * first, mount, world), frame
-
-
-def _left(columns: Array, y: Array) -> float:
-    # squares that any coefficients leave, and what is no reading
-    found, *_ = np.linalg.lstsq(columns, y, rcond=None)
-    return float(np.sum((y - columns @ found) ** 2) + SILENT**2 * np.sum(y**2))
 
 
 def _nearest(y: Array, right: Array, guess: Array | None, sign: float) -> Array:

@@ -16,8 +16,9 @@ parameter by no more than
 
 and the root of a sum of squares by :math:`\sum_b \sqrt{\lambda_b}\,|e_b|`, where
 :math:`\lambda_b` is the greatest share that the band has in a direction of the fit. So
-a set of wrong things explains a recording if what all others would take off the squares
-is less than chance, an F quantile at the stated rate, and this bound allow.
+a set of wrong things explains a recording if what all others, or any one of them, would
+take off the squares is less than chance, an F quantile at half the stated rate for
+each question, and this bound allow.
 """
 
 from collections.abc import Sequence
@@ -128,8 +129,6 @@ class Regression:
         Bound of the error of a root of squares, in standard deviations.
     freedom : float
         Degrees of freedom of the noise's density where the columns are.
-    deviation : Array
-        Noise of a row on each axis, (3,).
     """
 
     def __init__(self, pieces: Sequence[TermRows], terms: tuple[Term, ...]) -> None:
@@ -147,6 +146,7 @@ class Regression:
         least = ROUNDING**2 * bin_energy * bins.sum()
         weights = np.full((3, len(bins)), 1.0 / bin_energy)
         for _ in range(ROUNDS):
+            self._errors = bound * np.sqrt(weights.max(axis=0))
             self._products = np.einsum("ab,baij->bij", weights, products)
             self._sum = self._products.sum(axis=0)
             self.whole = self.fit(terms, 0.0)
@@ -165,14 +165,12 @@ class Regression:
             clear[: len(LOW)] = True
             known = bound**2 / (6.0 * bins)  # of the ideal, too
             weights = clear / (np.maximum(axis[:, None] * shape, least) + known)
-        self._errors = bound * np.sqrt(weights.max(axis=0))
         most = np.linalg.eigvalsh(shares)[:, -1].clip(0.0, 1.0)
         self.error = float(np.sqrt(most) @ self._errors)
         few, share = len(LOW), own / max(float(own.sum()), TINY)
         spread = share[:few].sum() ** 2 / dof[:few].sum()
         spread += np.sum(share[few:] ** 2 / dof[few:])
         self.freedom = 1.0 / float(spread) / SPREAD
-        self.deviation = np.sqrt(axis * np.median(shape))
 
     def split(self, values: Float[Array, " p"]) -> dict[str, Array]:
         """Values of all parameters by their terms."""
@@ -211,13 +209,22 @@ class Regression:
         return Fit(terms, instant, value, root, told, max(squares, 0.0), scale)
 
     def explains(self, fit: Fit, rate: float) -> bool:
-        """Whether all other terms take no more off the squares than is allowed."""
-        more = self.whole.rank - fit.rank
-        if more <= 0:
+        """Whether all other terms, or one, take no more off than is allowed."""
+        others = [each for each in self.terms if each not in fit.terms]
+        return self._by_chance(fit, self.whole, rate / 2.0) and all(
+            self._by_chance(
+                fit, self.fit((*fit.terms, each), fit.instant), rate / 2.0 / len(others)
+            )
+            for each in others
+        )
+
+    def _by_chance(self, fit: Fit, more: Fit, rate: float) -> bool:
+        rank = more.rank - fit.rank
+        if rank <= 0:
             return True
-        chance = scipy.special.fdtri(more, self.freedom, 1.0 - rate)
-        allowed = np.sqrt(more * chance) + self.error
-        return fit.squares - self.whole.squares <= allowed**2 + 1e-12 * fit.scale
+        chance = scipy.special.fdtri(rank, self.freedom, 1.0 - rate)
+        allowed = np.sqrt(rank * chance) + self.error
+        return fit.squares - more.squares <= allowed**2 + 1e-12 * fit.scale
 
     def fewest(self, rate: float) -> tuple[Explained, Fit]:
         """Return the fewest wrong things that explain, and with which rows of right.
