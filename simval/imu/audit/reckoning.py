@@ -72,7 +72,7 @@ def reckoned(
     piece, found = max(pieces, key=lambda each: len(each.time)), (gyro, force)
     gravity = declared.down * (1.0 + float(force.fitted.get("g", (np.zeros(1),))[0][0]))
     h, at = piece.step, piece.path.at
-    rows = piece.time <= piece.time[0] + SECONDS + h / 2.0
+    rows = slice(0, int(np.searchsorted(piece.time - piece.time[0], SECONDS)) + 1)
     time = piece.time[rows]
     own = [
         piece.readings[each.name][rows]
