@@ -216,6 +216,13 @@ def test_poses_of_another_clock():
     assert found.exit_code == 0, str(found)
 
 
+def test_a_tilted_gravity_is_no_gravity_of_another_size():
+    tilted = Declared(lever=LEVER, mount=MOUNT, gravity=(1.0, 0.0, -9.75))
+    found = audit(simulated("right", rng(23), noise=0.005), tilted)
+    (said,) = [what for _, what, _ in found.wrong()]
+    assert said.startswith("has gravity along")
+
+
 def test_what_cannot_be_audited_is_refused():
     imu = simulated("right", rng(1), seconds=1.0)
     few = {name: getattr(imu, name)[:20] for name in ("time", "position", "attitude")}
