@@ -735,8 +735,8 @@ def _add(
         artist.set_transform(place)
         figure.add_artist(artist, clip=False)
         if cut:
-            size = right - left, bottom - top
-            artist.set_clip_path(Rectangle((left, top), *size, transform=place))
+            box = right - left, bottom - top
+            artist.set_clip_path(Rectangle((left, top), *box, transform=place))
 
 
 def _dark(colour: str) -> str:

@@ -461,7 +461,7 @@ def test_the_document_holds_every_number():
 
 
 @pytest.mark.parametrize(("given", "words", "complaint"), [
-    (davenport, {"matrx": "active"}, "`matrx` is not a keyword of this fixture; Estimator decla"),
+    (davenport, {"matrx": "active"}, "`matrx` is not a keyword of this fixture; Est"),
     (davenport, {"components": "wxyz"}, "used as it is declared: `components` is"),
     (davenport, {"noise_std": "much"}, r"noise_std`: .*\(given 'much'\)"),
     (davenport, {"noise_std": True}, "noise_std"),
