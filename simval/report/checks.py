@@ -10,6 +10,7 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import Figure
 from simval.judge.findings import reproduce
+from simval.judge.settings import axis_words, varying
 from simval.report.curves import (
     PREFERRED,
     Measured,
@@ -18,10 +19,9 @@ from simval.report.curves import (
     described,
     grouped,
     numeric,
-    varying,
 )
 from simval.report.findings import Claim, claiming
-from simval.report.formatting import axis_words, sign_of_entries, spelled
+from simval.report.formatting import sign_of_entries, spelled
 from simval.report.gallery import drawn, panels_of
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made

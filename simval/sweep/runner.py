@@ -166,6 +166,7 @@ def drive(
             manifest = store.manifest(database)
             counts = store.entry(database, "machines")
             manifest["environments"] = environments(counts)
+            manifest |= provenance.asked(suite)  # no number depends on it
             store.keep_manifest(database, manifest)
             spent = store.times(database)
             timing = {
