@@ -322,8 +322,8 @@ def compare_algorithms(
     studies = [s for s in STUDIES if set(names) <= set(algorithms_of(run, s))]
     if not studies:
         msg = (
-            f"`{names[0]}` and `{names[1]}` are not of one study; compare two "
-            "estimators or two calibrators"
+            f"`{names[0]}` and `{names[1]}` belong to different studies; "
+            "compare two estimators, two calibrators or two filters"
         )
         raise InputError(msg)
     ours, theirs = (

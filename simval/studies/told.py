@@ -16,14 +16,13 @@ from pydantic import Field
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure
-from simval.imu.filters.signals import FilterInput, Told
+from simval.imu.filters.signals import Told
 from simval.plugins import Filter, find_plugin
-from simval.plugins.runs import run_filter
-from simval.results import Outcome, Row, beyond, unjudged
+from simval.results import Outcome, Rows, beyond, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.filter import instants, joined, moved
-from simval.studies.filter_errors import Answers, predicted_rows
+from simval.studies.filter import answers_of, moved
+from simval.studies.filter_errors import predicted_rows
 from simval.studies.filter_prediction import (
     ACCELEROMETER,
     GYROSCOPE,
@@ -32,10 +31,10 @@ from simval.studies.filter_prediction import (
     model_of,
     second_order,
 )
-from simval.studies.filter_scenarios import Course, Imperfect, course, drawn
+from simval.studies.filter_scenarios import Course, Imperfect, Simulated, course, drawn
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Drawn, drawn_rows
-from simval.theory import CalibrationError, FilterPath, RowError, filter_prediction
+from simval.theory import CalibrationError, RowError, filter_prediction
 from simval.theory.filter_settings import (
     NOISE,
     WALK,
@@ -109,29 +108,24 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         magnetometer_noise=float(model.sensors[1].std[0]),
     )
     blocks = range(-(-parameters.trials // BLOCK))
-    draws = [
-        readings(parameters, way, sensors, told, streams.block(block))
-        for block in blocks
-    ]
-    kept, late = instants(len(way.dt))
+    draws, errors = zip(
+        *(
+            readings(parameters, way, sensors, told, streams.block(block))
+            for block in blocks
+        ),
+        strict=True,
+    )
     plugin = find_plugin("simval:mekf", Filter)
     assert plugin.world is not None  # the reference filter declares its own
-    answers = Answers(
-        found=run_filter(plugin, joined([x for x, *_ in draws]), kept, plugin.world),
-        truth=way.attitude[kept + 1],
-        bias=np.concatenate([bias[:, kept] for _, bias, _ in draws]),
-        time=way.time[kept],
-        late=late,
-    )
+    answers = answers_of(plugin, plugin.world, way, draws)
     theory = filter_prediction(
-        case.path, case.truth, told=model, keep=kept[late],
+        case.path, case.truth, told=model, keep=answers.rows,
         errors=(*case.errors, RowError(of=GYROSCOPE, rows=missed(way))),
     )  # fmt: skip
     left = second_order(way, sensors, theory)
     rows = predicted_rows(answers, theory, True, left)
-    rows = beyond(rows, moved("the second order", float(left.max())))
-    errors = np.concatenate([each for *_, each in draws])
-    rows += drawn_rows([{"calibrations": Drawn.of(errors)}])
+    rows = beyond(rows, moved("the second order", left.max()))
+    rows += drawn_rows([{"calibrations": Drawn.of(np.concatenate(errors))}])
     return Outcome(rows=(*rows, *setting_rows(found)))
 
 
@@ -141,7 +135,7 @@ def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
         gyroscope_noise=float(np.radians(parameters.angle_random_walk)),
         gyroscope_walk=RATE_WALK,
         accelerometer_noise=SHARES[ACCELEROMETER] * way.g,
-        magnetometer_noise=SHARES[MAGNETOMETER] * float(np.linalg.norm(way.magnetic)),
+        magnetometer_noise=SHARES[MAGNETOMETER] * way.strength,
         start_std=START_STD, bias_std=BIAS_STD, M=np.eye(3), calibration_std=0.0,
     )  # fmt: skip
 
@@ -153,13 +147,13 @@ def case_of(parameters: Parameters, way: Course, sensors: Imperfect) -> FilterCa
             of=GYROSCOPE, covariance=parameters.gyroscope_error**2 * np.eye(9)
         )
     ]
-    sizes = {ACCELEROMETER: way.g, MAGNETOMETER: float(np.linalg.norm(way.magnetic))}
+    sizes = {ACCELEROMETER: way.g, MAGNETOMETER: way.strength}
     for name, size in sizes.items():
         variances = np.repeat([1.0, size**2], [9, 3])
         covariance = parameters.vector_error**2 * np.diag(variances)
         found.append(CalibrationError(of=name, covariance=covariance))
     return FilterCase(
-        path=FilterPath(dt=way.dt, attitude=way.attitude),
+        path=way.path,
         truth=model_of(sensors.told(way), True),
         errors=tuple(found),
     )
@@ -171,25 +165,23 @@ def readings(
     sensors: Imperfect,
     told: Told,
     rng: np.random.Generator,
-) -> tuple[FilterInput, Float[Array, "n T 3"], Float[Array, "n 33"]]:
-    """Readings of a block, the bias, and the calibration errors in their deviations."""
+) -> tuple[Simulated, Float[Array, "n 33"]]:
+    """Readings of a block and the bias, and the calibration errors in deviations."""
     given, bias = drawn(way, sensors, told, BLOCK, rng)
     errors = rng.standard_normal((BLOCK, 33))
     E = errors[:, :27].reshape(BLOCK, 3, 3, 3)
     offset = errors[:, 27:].reshape(BLOCK, 2, 3)
     turned = parameters.gyroscope_error * way.rate
-    more: dict[str, Any] = {
-        GYROSCOPE: given.gyroscope + turned @ E[:, 0].swapaxes(-1, -2)
-    }
-    field = float(np.linalg.norm(way.magnetic))
+    more: dict[str, Any] = {GYROSCOPE: given.gyroscope + turned @ E[:, 0].mT}
+    field = way.strength
     vectors = {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, field)}
     for k, (name, (vector, size)) in enumerate(vectors.items()):
-        off = vector @ E[:, k + 1].swapaxes(-1, -2) + size * offset[:, k, None]
+        off = vector @ E[:, k + 1].mT + size * offset[:, k, None]
         more[name] = getattr(given, name) + parameters.vector_error * off
-    return replace(given, **more), bias, errors
+    return (replace(given, **more), bias), errors
 
 
-def setting_rows(found: FilterSettings | None) -> tuple[Row, ...]:
+def setting_rows(found: FilterSettings | None) -> Rows:
     """Factors that were found, and whether they are honest."""
     if found is None:
         return ()
