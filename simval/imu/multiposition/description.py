@@ -9,7 +9,7 @@ of a reading on its axis k, the covariance of a corrected reading is
 :math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Any, NamedTuple
@@ -377,11 +377,19 @@ def trusted(whole: Any) -> Reply:
     )
 
 
+def left_out_words(left_out: Mapping[str, Remark]) -> list[str]:
+    """Sentences on the sensors of a log that were left out."""
+    return [
+        f"The {name} is left out: {said}{'' if said.do else '.'}"
+        for name, said in left_out.items()
+    ]
+
+
 def _next(whole: Any) -> Reply:
     outliers = [str(whole.numbers[k]) for k in whole.diagnosis.outliers]
     further = ", ".join(f"{x:.2f}" for x in whole.next_direction)
     rest = "rest" if len(outliers) == 1 else "rests"
-    left = [f"The {name} is left out: {why}." for name, why in whole.left_out.items()]
+    left = left_out_words(whole.left_out)
     if whole.pose_noise.do:
         left.append(f"The noise of a pose is {whole.pose_noise.words}.")
         left.append(whole.pose_noise.do)
@@ -548,7 +556,8 @@ def as_object(whole: Any) -> dict[str, Any]:
 def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     """The sensors after the accelerometer, and the conditions of all error bars."""
     units = {name: each.as_object() for name, each in whole.units.items()}
-    values: dict[str, Any] = {"left_out": dict(whole.left_out), "units": units}
+    left = {name: said.as_object() for name, said in whole.left_out.items()}
+    values: dict[str, Any] = {"left_out": left, "units": units}
     seen = whole.warm.rests
     if seen is not None:
         values["temperature"] = {
