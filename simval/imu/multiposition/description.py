@@ -64,6 +64,9 @@ from simval.imu.multiposition.record import (
     budget_object,
     correlations,
     gravity_words,
+    other_budget,
+    other_sources,
+    sources,
 )
 from simval.imu.sensor import forms
 from simval.imu.sensor.readable import WIDE, accelerometer_values
@@ -430,8 +433,10 @@ def _values(whole: Any) -> Iterator[Values]:
         names, signs = zip(*forms.entries(fit.model), strict=True)
         yield correlations("accelerometer", names, fit.covariance, np.array(signs))
     if own is not None:
+        yield other_budget("gyroscope", own, own.names)
         yield correlations("gyroscope", own.names, own.own_covariance)
     if compass is not None:
+        yield other_budget("magnetometer", compass, OWN_NAMES)
         yield correlations("magnetometer", OWN_NAMES, compass.own_covariance)
 
 
@@ -549,7 +554,7 @@ def as_object(whole: Any) -> dict[str, Any]:
         "next_direction": whole.next_direction.tolist(),
         "bound_sd": None if whole.predicted is None else bound_sd(whole).tolist(),
         "bias": None if whole.predicted is None else whole.predicted.bias.tolist(),
-        "budget": budget_object(whole),
+        "budget": budget_object(sources(whole)),
     }
 
 
@@ -575,6 +580,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "G_sd": whole.taken.G_sd.tolist(),
             "reasons": list(whole.taken.reasons),
             "residuals": whole.gyroscope.noise.as_object(),
+            "budget": budget_object(other_sources(whole.gyroscope, 12)),
         }
     if whole.magnetometer is not None:
         values["magnetometer"] = _magnetometer_object(whole.magnetometer)
@@ -584,6 +590,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "pose_noise_std": noise.std.tolist(),
             "pose_noise_white_std": noise.white.tolist(),
             "residuals": whole.magnetometer.noise.as_object(),
+            "budget": budget_object(other_sources(whole.magnetometer, len(OWN_NAMES))),
         }
     if whole.together is not None:
         values["together"] = whole.together.as_object()
