@@ -77,13 +77,21 @@ def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
     """How a filter that fails leaves what it states, over time."""
     if not any(study == "filter" for study, _, _ in failing):
         return []
+    cells = list(context.cells("filter"))
+    if context.against is not None:  # the other run beside it
+        runs = context.run, context.against.run
+        cells = [
+            replace(cell, parameters={**cell.parameters, "run": run.folder.name})
+            for run in runs
+            for cell in run.of("filter")
+            if cell.rows
+        ]
     return [
         drawing
         for figure in STUDIES["filter"].shown
         if isinstance(figure, Figure) and NEES_AT in figure.rows
-        for drawing in drawn(replace(figure, name="failing-time"),
-                             context.cells("filter"))
-    ]  # fmt: skip
+        for drawing in drawn(replace(figure, name="failing-time"), cells)
+    ]
 
 
 def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
