@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.errors import InputError
-from simval.shapes import Float
+from simval.shapes import Float, Shaped
 from simval.text import shown
 
 Array = NDArray[np.floating]
@@ -42,6 +42,13 @@ _KINDS: Final = {
 # to 1e72, and its fourth power, the highest that a moment takes, stays finite.
 GREATEST: Final = 1e36
 LEAST: Final = 1e-36  # one over it: the same reason
+
+
+def outer(
+    a: Shaped[Array, "... n"], b: Shaped[Array, "... m"]
+) -> Shaped[Array, "... n m"]:
+    """Outer products of vectors, of numbers or of power series."""
+    return a[..., :, None] * b[..., None, :]
 
 
 def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:

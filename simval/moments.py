@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, frozen, outer
 from simval.shapes import Float
 
 
@@ -50,7 +50,7 @@ class Moments:
     @property
     def second_moment(self) -> Float[Array, "... p p"]:
         """Mean of the outer product of the error with itself, (..., p, p)."""
-        return self.covariance + self.bias[..., :, None] * self.bias[..., None, :]
+        return self.covariance + outer(self.bias, self.bias)
 
     @property
     def rms(self) -> Float[Array, "... p"]:

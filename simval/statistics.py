@@ -224,7 +224,7 @@ SETTLING_TRIALS = _share(
     "settling_trials", "share of trials that settle", better="more"
 )
 SETTLING = _size("settling", "time to settle", unit="s")
-NOISE_FACTOR = _size("noise_factor", "factor of the noise that is told", better=None)
+NOISE_FACTOR = _size("noise_factor", "factor on the noise setting", better=None)
 RMS_AT = _size("rms_at", "RMS error at an instant", unit="rad", along=True)
 RMS_OVER_BOUND_AT = _size(
     "rms_over_bound_at", "RMS error over the bound at an instant", along=True
@@ -311,7 +311,7 @@ IMPURE = _size("impure", "intervals with a moving row")
 OUTSIDE = _size("outside", "intervals outside every rest")
 FITTED = _share("fitted", "share of trials with a fit", better="more")
 
-ACCUSED = _share("accused", "share of sound logs that are accused")
+ACCUSED = _share("accused", "share of sound logs called faulty")
 ASKED = _share("asked", "share of sound logs that misfit")
 ODDS_ABOVE = _share("odds_above", "share of scattered logs with odds above this")
 MEAN_CHANCE = _share(

@@ -137,7 +137,7 @@ def test_normalize_names_the_bad_row():
     rows[1, 2] = 0.0
     with pytest.raises(InputError, match=r"index \(1, 2\)"):
         normalize(rows)
-    with pytest.raises(InputError, match="non-finite"):
+    with pytest.raises(InputError, match="not finite"):
         normalize(np.array([1.0, np.nan, 0.0]))
 
 

@@ -113,12 +113,12 @@ def test_words():
     tripled = np.tile(cube_faces(), (3, 1)) + 1e-3 * rng.normal(size=(18, 3))
     tripled /= np.linalg.norm(tripled, axis=1, keepdims=True)
     assert describe(tripled) == "the six faces of a cube"
-    assert describe(fibonacci_sphere(12)) == "12 different direction(s)"
-    assert describe(cube_faces()[:5]) == "5 different direction(s)"
+    assert describe(fibonacci_sphere(12)) == "12 different directions"
+    assert describe(cube_faces()[:5]) == "5 different directions"
 
 
 def test_bad_directions():
     with pytest.raises(InputError, match="index"):
         observability(np.vstack([cube_edges(), np.zeros(3)]))
-    with pytest.raises(InputError, match="non-finite"):
+    with pytest.raises(InputError, match="not finite"):
         observability(np.vstack([cube_edges(), [1.0, np.nan, 0.0]]))

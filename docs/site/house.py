@@ -31,7 +31,7 @@ def house() -> Drawing:
     """The rows as boxes, and the wall."""
     found = rows()
     d = Drawing(
-        880, int(STEP * len(found)) + 20, "The rows of simval, each on those below it"
+        880, int(STEP * len(found)) + 20, "The layers of simval, each on those below it"
     )
     for k, (names, said) in enumerate(found):
         y = 10.0 + STEP * k

@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, Mask, finite_array, shaped_array
+from simval.arrays import Array, Mask, finite_array, outer, shaped_array
 from simval.errors import CrashedPluginError, InputError, PluginError, RefusedError
 from simval.imu.sensor import forms
 from simval.imu.sensor.models import FIXED, places_of
@@ -286,7 +286,7 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
             np.linalg.cholesky(each)
             return sound
     with np.errstate(invalid="ignore", over="ignore"):
-        size = std[:, :, None] * std[:, None, :]
+        size = outer(std, std)
         safe = np.where(size > 0.0, size, 1.0)
         scaled = np.where(sound[:, None, None], each / safe, np.eye(each.shape[-1]))
     least = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE

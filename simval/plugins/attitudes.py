@@ -51,8 +51,7 @@ def tail(components: str) -> tuple[int, ...]:
 
 def finite_rows(raw: Float[Array, "n ..."]) -> Bool[Mask, " n"]:
     """Mask of finite answers."""
-    finite = np.isfinite(raw)
-    return np.logical_and.reduce(finite, axis=tuple(range(1, raw.ndim)))
+    return np.logical_and.reduce(np.isfinite(raw), axis=tuple(range(1, raw.ndim)))
 
 
 def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
@@ -270,36 +269,39 @@ def _half_turn(axis: Float[Array, "n 3"]) -> Float[Array, "n 4"]:
     return np.concatenate([axis, np.zeros((len(axis), 1))], axis=1)
 
 
-def _identity(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    return np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), r1, r2
+def _turned(turn: Callable[..., Array]) -> Callable[..., Scene]:
+    """Attitudes ``turn(r1, r2, rng)``."""
+
+    def drawn(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+        _, r1, r2 = draw(count, rng)
+        return turn(r1, r2, rng), r1, r2
+
+    return drawn
 
 
-def _small_angles(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    axis = normalize(rng.standard_normal((count, 3)))
-    return _turn(axis, np.geomspace(1e-12, 1e-3, count)), r1, r2
+_identity = _turned(lambda r1, *_: np.tile([0.0, 0.0, 0.0, 1.0], (len(r1), 1)))
+
+
+@_turned
+def _small_angles(r1: Array, r2: Array, rng: np.random.Generator) -> Array:
+    axis = normalize(rng.standard_normal(r1.shape))
+    return _turn(axis, np.geomspace(1e-12, 1e-3, len(r1)))
 
 
 def _half_turns(axis: Callable[..., Array]) -> Callable[..., Scene]:
     """Half turns about ``axis(r1, r2, rng)``."""
-
-    def drawn(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-        _, r1, r2 = draw(count, rng)
-        return _half_turn(axis(r1, r2, rng)), r1, r2
-
-    return drawn
+    return _turned(lambda *drawn: _half_turn(axis(*drawn)))
 
 
 def _about_axis(axis: int) -> Callable[..., Scene]:
     return _half_turns(lambda r1, *_: np.tile(np.eye(3)[axis], (len(r1), 1)))
 
 
-def _quarter_turns(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+@_turned
+def _quarter_turns(r1: Array, r2: Array, rng: np.random.Generator) -> Array:
     """About an axis of the frame: two of three Euler angles coincide at some."""
-    _, r1, r2 = draw(count, rng)
-    axis = np.eye(3)[rng.integers(3, size=count)]
-    return _turn(axis, rng.choice([-1.0, 1.0], count) * np.pi / 2.0), r1, r2
+    axis = np.eye(3)[rng.integers(3, size=len(r1))]
+    return _turn(axis, rng.choice([-1.0, 1.0], len(r1)) * np.pi / 2.0)
 
 
 def _yaw(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
@@ -310,11 +312,11 @@ def _yaw(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
     return _turn(up, rng.uniform(-np.pi, np.pi, count)), up, north
 
 
-def _in_plane(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    mix = rng.standard_normal((count, 2))
+@_turned
+def _in_plane(r1: Array, r2: Array, rng: np.random.Generator) -> Array:
+    mix = rng.standard_normal((len(r1), 2))
     axis = normalize(mix[:, :1] * r1 + mix[:, 1:] * r2)
-    return _turn(axis, rng.uniform(-np.pi, np.pi, count)), r1, r2
+    return _turn(axis, rng.uniform(-np.pi, np.pi, len(r1)))
 
 
 def _nearly_parallel(draw: Draw, count: int, rng: np.random.Generator) -> Scene:

@@ -366,8 +366,7 @@ def offer(plugin: str) -> list[tuple[str, str, dict[str, str]]]:
 
     For each the field that takes it, its name, and what it declares.
     """
-    file = plugin.endswith(".py")
-    values = _held_by(Path(plugin)) if file else _loaded(plugin)
+    values = _held_by(Path(plugin)) if plugin.endswith(".py") else _loaded(plugin)
     held = [
         (value.taken_by, value.name, declarations(value))
         for value in values

@@ -23,7 +23,7 @@ from typing import Final
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.errors import InputError
 from simval.shapes import Float
 
@@ -113,8 +113,7 @@ class VectorNoise:
             return np.broadcast_to(scaled, (len(vectors[0]), *scaled.shape))
         v = np.stack(vectors, axis=1)
         along = v / np.linalg.norm(v, axis=2, keepdims=True)
-        planes = np.eye(3) - along[..., :, None] * along[..., None, :]
-        return scaled @ planes
+        return scaled @ (np.eye(3) - outer(along, along))
 
     def roots(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
         """Symmetric root of each covariance; what times normal numbers is the noise."""

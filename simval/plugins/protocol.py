@@ -51,6 +51,7 @@ from simval.plugins.attitudes import (
 )
 from simval.plugins.noise import READABLE
 from simval.text import one_line
+from simval.vocabulary import Model
 
 
 def _require(field: str, value: Any, kind: Any, known: tuple[str, ...]) -> None:
@@ -122,7 +123,6 @@ def _spelled(value: Any) -> str:
 
 Claim = Literal["exact", 2, 4]
 Components = Literal["xyzs", "sxyz", "matrix"]
-Form = Literal["triangular", "upper", "symmetric"]
 Kind = Literal["wahba", "weighted wahba", "triad", "closed form", "combined"]
 
 Own = TypeVar("Own", bound="Algorithm")
@@ -307,7 +307,7 @@ class Calibrator(Algorithm):
 
     name: str
     calibrate: Callable[..., Any]
-    form: Form = "triangular"
+    form: Model = "triangular"
     noise_std: bool = False
     estimates: tuple[str, ...] = ALL
 

@@ -247,8 +247,7 @@ def drive_handheld(
     angle = nonnegative_number("tremor_angle", tremor_angle, "rad")
     path = nonnegative_number("tremor_path", tremor_path, "m")
     h = model.opt.timestep
-    times = (first_hold, move_time, settle_time, hold_time)
-    angles, rests = tour(poses, h, *times)
+    angles, rests = tour(poses, h, first_hold, move_time, settle_time, hold_time)
     # the grip starts without tremor and settles before the first rest counts
     rests[: min(steps(0.5, h, "grip"), len(rests))] = -1
     rng = stream(seed, cell_key("handheld"), 0)

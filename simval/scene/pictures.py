@@ -229,8 +229,7 @@ def render(
         what to install.
     """
     times = None if time is None else [time]
-    plan = plan_run(scene, **parameters)
-    return drawn(plan, times, ".png", width, height)
+    return drawn(plan_run(scene, **parameters), times, ".png", width, height)
 
 
 def render_file(

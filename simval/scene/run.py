@@ -419,8 +419,7 @@ def simulate_many(
                 raise InputError(msg)
         rollout = roll_out(physics.model, [each.script for each in plans], threads)
         means += [_rest_means(p, rollout, k, start + k) for k, p in enumerate(plans)]
-    stacked = map(np.stack, zip(*means, strict=True))
-    columns = dict(zip(COLUMNS, stacked, strict=True))
+    columns = dict(zip(COLUMNS, map(np.stack, zip(*means, strict=True)), strict=True))
     return RestMeans(provenance=first.provenance, **columns)
 
 

@@ -286,13 +286,13 @@ def _size_rows(
         ("bias", stat.BIAS_ALONG),
         ("covariance", stat.COVARIANCE_ALONG),
     ):
-        moment = np.asarray(getattr(exact, part))
+        moment = getattr(exact, part)
         size = np.linalg.norm(moment)
         if not size > 0.0:  # nothing to project on
             continue
         found = along(sums, moment / size)
         for label, predicted in predictions.items():
-            own = np.asarray(getattr(predicted, part))
+            own = getattr(predicted, part)
             projected = np.sum(moment / size * own)
             yield from unjudged(family(), *found, n, projected, label)
             if label != stat.EXACT:

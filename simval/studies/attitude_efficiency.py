@@ -22,12 +22,11 @@ docs/theory.md. A body vector that is too long by a share e turns `combined` by
 :math:`e^2 / (8 \sin^2\theta)` in 10,000 geometries, and half as much again is allowed.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -48,7 +47,7 @@ from simval.studies.noise_kinds import (
     noise_roots,
     tails,
 )
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, described, ranged
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.estimators import wahba_moments
@@ -106,12 +105,8 @@ class Parameters(StudyParameters):
     # the same draws for each shape of the noise, so that cells compare
     no_noise = ("noise", "normalized")
 
-    noise: NoiseKind = Field(
-        default="isotropic", description="Noise of the four vectors."
-    )
-    normalized: bool = Field(
-        default=False, description="Normalise the vectors before they are used."
-    )
+    noise: NoiseKind = described("isotropic", "Noise of the four vectors.")
+    normalized: bool = described(False, "Normalise the vectors before they are used.")
     geometries: int = ranged(500, "Random attitudes and vector pairs.", 100)
     trials: int = ranged(200, "Trials for each geometry.", 10, MOST_TRIALS)
     noise_std: float = ranged(
@@ -213,13 +208,12 @@ def price_of_columns(
     return np.sqrt(1.0 + 4.0 * along / bound)
 
 
-def length_rows(problems: Truths) -> list[Row]:
+def length_rows(problems: Truths) -> Iterator[Row]:
     """Median and worst turn by a body vector that is too long, without noise."""
     q, vectors, _ = true_vectors(*problems)
     squared = np.sum(cross(problems[1], problems[2]) ** 2, axis=-1)
     first = 0.5 * TOO_LONG * np.sqrt(1.0 / squared - 1.0)
     left = TOO_LONG**2 * 1.5 / 8.0 / squared
-    rows: list[Row] = []
     for name, estimator in estimators(Parameters()).items():
         turns = []
         for k in range(2):
@@ -232,12 +226,11 @@ def length_rows(problems: Truths) -> list[Row]:
             if name == "combined":
                 at, off = pick(first), pick(first + left) - pick(first)
                 off = max(off, at - pick(first - left))
-                rows += exact(statistic, value, at, stat.FIRST_ORDER, off)
+                yield from exact(statistic, value, at, stat.FIRST_ORDER, off)
             elif name == "best of four":
-                rows += unjudged(statistic, value)
+                yield from unjudged(statistic, value)
             else:
-                rows += exact(statistic, value, 0.0, stat.EXACT, ROUNDED)
-    return rows
+                yield from exact(statistic, value, 0.0, stat.EXACT, ROUNDED)
 
 
 def _simulated(
@@ -279,8 +272,7 @@ def ratio_rows(
     for what, pick in (("median", np.median), ("worst", np.max)):
         ratio, at = stat.RMS_RATIO(name, what), pick(predicted)
         if name in ("combined", "optimal"):
-            closed = pick(price)
-            rows += exact(ratio, at, closed, stat.CLOSED_FORM, ROUNDED)
+            rows += exact(ratio, at, pick(price), stat.CLOSED_FORM, ROUNDED)
         elif name != "TRIAD":
             rows += unjudged(ratio, at, predictor=stat.FIRST_ORDER)
         value = pick(simulated)

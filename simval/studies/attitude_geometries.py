@@ -16,16 +16,15 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
-from simval.arrays import Array, Places
+from simval.arrays import Array, Places, outer
 from simval.figures import Distribution, Listing, entries, family_words, predictor
 from simval.results import Outcome, limit, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import Noise, Truths, noise_shapes, random_geometry
-from simval.studies.study import Cost, StudyParameters, ranged
+from simval.studies.study import Cost, StudyParameters, described, ranged
 from simval.theory.attitude import BLOCK, attitude_moments
 from simval.theory.expansion import (
     complete_fourth_covariance,
@@ -64,13 +63,13 @@ times the term, is what quadrature may be off by."""
 class Parameters(StudyParameters):
     """One cell: a shape of the noise and a rule for the frame."""
 
-    noise: Noise = Field(
-        default="isotropic",
-        description="Equal isotropic noise, noise tangent to each unit vector, or four "
+    noise: Noise = described(
+        "isotropic",
+        "Equal isotropic noise, noise tangent to each unit vector, or four "
         "random full covariances.",
     )
-    frame: Literal["greatest", "plain"] = Field(
-        default="greatest", description="Column of the estimator."
+    frame: Literal["greatest", "plain"] = described(
+        "greatest", "Column of the estimator."
     )
     geometries: int = ranged(500, "Random attitudes and pairs of vectors.", 20, 100_000)
 
@@ -137,8 +136,7 @@ def _leading(
     q, P = moments.q, moments.P
     leading = complete_fourth_covariance(moments) - second_order_covariance(q, P)
     bias = second_order_bias(q, P)
-    square = bias[:, :, None] * bias[:, None, :]
-    return leading, (leading - quadratic_covariance(q, P), leading - square)
+    return leading, (leading - quadratic_covariance(q, P), leading - outer(bias, bias))
 
 
 def _extrapolated(

@@ -17,7 +17,6 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import Field
 
 from simval.arrays import Array, Mask
 from simval.figures import Distribution, Figure, Listing, along_entry, entry, predictor
@@ -27,7 +26,7 @@ from simval.statistics import LIMIT_RATIO, NEARER_AT, NEXT_ORDER, ORDER_4
 from simval.streams import Streams
 from simval.studies.attitude import FORMULAS, PREDICTORS, Truth
 from simval.studies.attitude_geometries import QUANTILES, regular_geometries
-from simval.studies.study import Cost, StudyParameters, ranged
+from simval.studies.study import Cost, StudyParameters, described, ranged
 from simval.studies.trials import share_error
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.theory.two_vector import Frame
@@ -56,8 +55,8 @@ Limit = tuple[Any, str, str]
 class Parameters(StudyParameters):
     """One cell: a rule for the frame."""
 
-    frame: Literal["greatest", "plain"] = Field(
-        default="greatest", description="Column of the estimator."
+    frame: Literal["greatest", "plain"] = described(
+        "greatest", "Column of the estimator."
     )
     geometries: int = ranged(150, "Random attitudes and pairs of vectors.", 5, 10_000)
 

@@ -22,7 +22,6 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -39,7 +38,7 @@ from simval.studies.attitude import (
     noise_shapes,
     random_geometry,
 )
-from simval.studies.study import Cost, Geometry, StudyParameters
+from simval.studies.study import Cost, Geometry, StudyParameters, described
 from simval.theory.attitude import Order, attitude_moments
 from simval.theory.cubature import cubature_moments
 from simval.theory.exact import isotropic
@@ -88,9 +87,9 @@ class Parameters(StudyParameters):
     """One cell: a geometry and a shape of the noise."""
 
     geometry: Geometry = 3
-    noise: Noise = Field(
-        default="isotropic",
-        description="Equal isotropic noise, four different full covariances, or noise "
+    noise: Noise = described(
+        "isotropic",
+        "Equal isotropic noise, four different full covariances, or noise "
         "tangent to each unit vector.",
     )
 
@@ -157,8 +156,7 @@ def _slopes(
             off = getattr(found, part) - [getattr(each, part) for each in truths]
             gap = np.linalg.norm(off.reshape(len(levels), -1), axis=1)
             value, left, why = slope_of(levels, gap, norm, bent[order, part])
-            rows = exact(order_of(*of), value, slope, label, left)
-            yield from beyond(rows, why)
+            yield from beyond(exact(order_of(*of), value, slope, label, left), why)
             statistics = [error_of(*of, f"{level:.4g}") for level in levels]
             yield from unjudged(statistics, gap, predictor=label)
 
@@ -181,8 +179,8 @@ def slope_of(
     value = fit[1] @ np.log(y)
     left = NEXT * bent**2 + AFTER + np.abs(fit[1]) @ (ROUNDING / norm / y)
     why = (
-        f"the next term is {bent:.2g} of the first that is left out; a slope is "
-        f"told up to {MOST_BENT:g}"
+        f"the next term is {bent:.2g} of the first that is left out; a "
+        f"slope can be measured up to {MOST_BENT:g}"
     )
     return value, left, why if not bent <= MOST_BENT else ""
 

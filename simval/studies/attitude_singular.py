@@ -50,7 +50,7 @@ from itertools import pairwise
 from typing import Any, Final, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -82,7 +82,7 @@ from simval.studies.noise_kinds import (
     tails,
 )
 from simval.studies.response import Expanded, beside, curved
-from simval.studies.study import Cost, Geometry, StudyParameters, ranged
+from simval.studies.study import Cost, Geometry, StudyParameters, described, ranged
 from simval.studies.trials import (
     Block,
     Trials,
@@ -147,19 +147,15 @@ SEQUENCE: Final = [3, 0, 1, 2]
 class Parameters(StudyParameters):
     """One cell: a case, a distance from it, and a noise level."""
 
-    case: Literal["A", "B", "C", "D"] = Field(
-        default="D", description="Singular case of the source's Table 1."
+    case: Literal["A", "B", "C", "D"] = described(
+        "D", "Singular case of the source's Table 1."
     )
     distance: float = ranged(
         0.0, "|qbar| of the plain formula over the noise; 0 is singular.", 0.0, 1e6
     )
     noise_std: float = ranged(0.01, "Noise per axis of each unit vector.", 1e-6, 0.01)
-    noise: NoiseKind = Field(
-        default="isotropic", description="Noise of the four vectors."
-    )
-    normalized: bool = Field(
-        default=False, description="Normalise the vectors before they are used."
-    )
+    noise: NoiseKind = described("isotropic", "Noise of the four vectors.")
+    normalized: bool = described(False, "Normalise the vectors before they are used.")
     border: float = ranged(10.0, "Distance up to which Table 1 is direct.", 1.0, 1e6)
     geometry: Geometry = 0
     samples: int = ranged(2048, "Trials; rounded up to whole blocks of 1024.", BLOCK)
@@ -270,8 +266,7 @@ class Setting:
         found = {name: self.chords(name, *vectors) for name in names}
         block = vectors.mT.reshape(12, -1)
         for name, geometry in self.lengths.items():
-            frame = self.best if name == "best" else name
-            raw = raw_quaternion(block, frame).T
+            raw = raw_quaternion(block, self.best if name == "best" else name).T
             lengths = np.linalg.norm(raw, axis=1, keepdims=True)
             found[f"length {name}"] = geometry.norm / lengths - 1.0
             if name == "best":
@@ -520,8 +515,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
                "sequential": np.array(SEQUENCE)[first]}  # fmt: skip
     squares = {}
     for name, column in columns.items():
-        geometry = turned_geometry(column, q, r1, r2)
-        moments = scaled_error_moments(geometry, noise)
+        moments = scaled_error_moments(turned_geometry(column, q, r1, r2), noise)
         squares[name] = 4.0 * second_order_covariance(moments.q, moments.P)
     combined = attitude_moments(q, r1, r2, noise, 2, "combined")
     squares["combined"] = 4.0 * combined.covariance

@@ -46,7 +46,7 @@ from typing import Final, Literal, Self
 
 import numpy as np
 import scipy
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -79,7 +79,14 @@ from simval.studies.response import (
     reduced_share,
     response,
 )
-from simval.studies.study import Cost, Geometry, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    Cost,
+    Geometry,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.studies.trials import (
     correlation_row,
     mean_of,
@@ -151,12 +158,10 @@ class Parameters(StudyParameters):
     )
     geometry: Geometry = 0
     samples: int = ranged(65_536, "Trials.", 4096, MOST_SAMPLES)
-    noise: Literal["isotropic", "tangent", "heavy tails"] = Field(
-        default="isotropic", description="Noise of the body vectors."
+    noise: Literal["isotropic", "tangent", "heavy tails"] = described(
+        "isotropic", "Noise of the body vectors."
     )
-    normalized: bool = Field(
-        default=False, description="Normalise the vectors of the closed forms."
-    )
+    normalized: bool = described(False, "Normalise the vectors of the closed forms.")
 
     # the same draws for each kind of noise, so that cells compare
     no_noise = ("noise", "normalized")
@@ -200,8 +205,7 @@ class Setting:
         vectors = np.concatenate([self.body, self.references])
         sizes = self.noise_std.reshape(-1, 1, 1) ** 2
         noise = self.covariances = sizes * noise_covariances(self.kind, vectors)
-        bound = wahba_bound(self.q, self.references, noise)
-        self.bound = np.trace(bound.rotation)
+        self.bound = np.trace(wahba_bound(self.q, self.references, noise).rotation)
         self.weights = {"weighted": 1.0 / self.std**2, "equal weights": np.ones(n)}
         moments = {
             name: wahba_moments(self.q, self.references, noise, weights)
@@ -278,8 +282,7 @@ class Setting:
         """Means of `features` to first order."""
         count = len(self.predicted)
         loss, variance = self.loss_moments(shift)
-        square = loss * loss + variance
-        return np.array([1.0] * count + [3.0] * count + [loss, square])
+        return np.array([1.0] * count + [3.0] * count + [loss, loss * loss + variance])
 
     def loss_moments(self, shift: float) -> tuple[float, float]:
         """Mean and variance of the loss to first order."""

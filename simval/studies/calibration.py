@@ -26,7 +26,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
 from simval import statistics as stat
 from simval.arrays import Array, frozen
@@ -41,7 +41,14 @@ from simval.scene import simulate_cached
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, STEP, Expanded, apart, beside, response
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    LEAST_NOISE,
+    Cost,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.studies.trials import Block, drawn_rows, noise_row, root, trials_of
 from simval.theory.calibration import (
     EVEN,
@@ -78,9 +85,7 @@ GROUPS = (("T", slice(0, 3), "1"), ("K", slice(3, 6), "1"), ("B", slice(6, 9), "
 class Parameters(StudyParameters):
     """One cell: a scene, a pose count, a noise level and a method."""
 
-    scene: Literal["gimbal", "die"] = Field(
-        default="gimbal", description="Scene that is simulated."
-    )
+    scene: Literal["gimbal", "die"] = described("gimbal", "Scene that is simulated.")
     poses: int = ranged(40, "Poses of the gimbal, or throws of the die.", 9, 400)
     hold_time: float = ranged(
         0.2, "Length of each hold that is averaged, s.", 0.002, 10.0
@@ -361,8 +366,7 @@ def response_rows(
 
     def estimate(y: Float[Array, "t d"]) -> Float[Array, "t 9"]:
         poses = y.reshape(-1, *clean.shape)
-        fit = calibrate(poses, **told, covariance=False)
-        return fit.require_converged().parameters
+        return calibrate(poses, **told, covariance=False).require_converged().parameters
 
     found = response(estimate, clean.ravel(), STEP * g / K.max())
     noise = np.ones(clean.size)

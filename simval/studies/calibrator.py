@@ -38,7 +38,7 @@ from typing import Literal, Self
 
 import numpy as np
 import scipy
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array, Places
@@ -70,7 +70,7 @@ from simval.studies.plugin import (
     outcome,
     run,
 )
-from simval.studies.study import LEAST_NOISE, ranged
+from simval.studies.study import LEAST_NOISE, described, ranged
 from simval.studies.trials import root
 from simval.theory.calibration import (
     VARIANCE_NEXT,
@@ -306,30 +306,30 @@ class Parameters(AlgorithmParameters):
     problem = Calibrations
     no_noise = ("algorithm", "time_limit")
 
-    algorithm: PluginName = Field(
-        default="",
-        description="FILE.py, FILE.py:NAME, an entry point, or command: PROGRAM.",
+    algorithm: PluginName = described(
+        "",
+        "FILE.py, FILE.py:NAME, an entry point, or command: PROGRAM.",
     )
     poses: int = ranged(
         24, "Poses of a trial: 9 or more, of faces a multiple of 6.", FACES, 400
     )
-    pose_set: Literal["sphere", "faces"] = Field(
-        default="sphere",
-        description="Poses spread evenly over the sphere, or the six faces of a cube "
+    pose_set: Literal["sphere", "faces"] = described(
+        "sphere",
+        "Poses spread evenly over the sphere, or the six faces of a cube "
         "in turn: +x, +y, +z, -x, -y, -z.",
     )
-    sensor: Literal["full", "own class"] = Field(
-        default="full",
-        description="Sensor with all nine errors, or with those alone that the "
+    sensor: Literal["full", "own class"] = described(
+        "full",
+        "Sensor with all nine errors, or with those alone that the "
         "calibrator estimates.",
     )
     noise_std: float = ranged(
         0.01, "Noise per axis of a pose mean, m/s^2.", LEAST_NOISE, 1.0
     )
     trials: int = ranged(1024, "Trials; rounded up to whole blocks of 16.", 2 * BLOCK)
-    time_limit: Seconds = Field(
-        default=300.0,
-        description="Wall time after which the cell fails, s; of a command for every "
+    time_limit: Seconds = described(
+        300.0,
+        "Wall time after which the cell fails, s; of a command for every "
         "64 trials, of one that takes all trials at once for all.",
     )
 
@@ -371,13 +371,11 @@ def require_order(problem: Calibrations) -> None:
         there, _ = forms.convert(own, None, source="triangular", target=form)
         J = forms.conversion_jacobian(own, there, source="triangular", target=form)
         bound, names = J @ bound @ J.T, list(forms.names(form))
-    root = np.linalg.cholesky(bound)
     spread = {}
     for blocks in permutations(np.arange(p).reshape(-1, 3)):
         order = np.concatenate(blocks)
         back = np.argsort(order)  # where each parameter stands in that order
-        half = np.linalg.solve(root, covariance[np.ix_(back, back)])
-        ratios = np.linalg.eigvalsh(np.linalg.solve(root, half.T))
+        ratios = scipy.linalg.eigvalsh(covariance[np.ix_(back, back)], bound)
         spread[tuple(order.tolist())] = ratios[-1] / ratios[0]
     fitting = min(spread, key=lambda order: spread[order])
     if ALIKE * spread[fitting] < spread[tuple(range(p))]:
@@ -458,8 +456,7 @@ def left_rows(problem: Calibrations, measured: Moments) -> Rows:
     rows = unjudged(stat.LEFT(), rms, error, n, best, stat.BEST_OF_CLASS)
     if problem.faces:  # which do not show all nine
         return rows
-    nine = problem.nine_parameters().cramer_rao
-    least = bound_left(sensor, nine, places_of(ALL), G)
+    least = bound_left(sensor, problem.nine_parameters().cramer_rao, places_of(ALL), G)
     return rows + unjudged(stat.LEFT(), rms, error, n, least, stat.NINE_PARAMETERS)
 
 

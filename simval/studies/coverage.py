@@ -16,7 +16,7 @@ from typing import Literal, Self
 
 import numpy as np
 import scipy
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from simval import statistics as stat
 from simval.imu.calibrate import calibrate
@@ -26,7 +26,14 @@ from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.streams import Streams
 from simval.studies.calibration import G, response_rows, true_sensor
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    LEAST_NOISE,
+    Cost,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.studies.trials import (
     Block,
     drawn_rows,
@@ -37,6 +44,7 @@ from simval.studies.trials import (
 )
 from simval.theory.calibration import calibration_moments
 from simval.theory.coverage import bias_square, ellipsoid_coverage, interval_coverage
+from simval.vocabulary import Residual
 
 TITLE = "Coverage: do the reported error bars of a calibration hold?"
 SECTION = "statistics"
@@ -50,12 +58,12 @@ FREEDOM = 0.003
 class Parameters(StudyParameters):
     """One cell: how the error bars are made, pose count and noise."""
 
-    sigma: Literal["known", "type A"] = Field(
-        default="type A", description="Noise known, or taken from the residuals."
+    sigma: Literal["known", "type A"] = described(
+        "type A", "Noise known, or taken from the residuals."
     )
-    residual: Literal["squared", "norm", "weighted", "sampson", "adjusted"] = Field(
-        default="squared",
-        description="What the calibration minimises; adjusted needs a known sigma.",
+    residual: Residual = described(
+        "squared",
+        "What the calibration minimises; adjusted needs a known sigma.",
     )
     poses: int = ranged(20, "Poses, spread evenly over the sphere.", 10, 1000)
     noise_std: float = ranged(

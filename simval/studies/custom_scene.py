@@ -9,8 +9,6 @@ write the same script.
 from collections.abc import Container
 from dataclasses import replace
 
-from pydantic import Field
-
 from simval.errors import PluginError
 from simval.results import Outcome
 from simval.scene import Trajectory, scenes
@@ -19,6 +17,7 @@ from simval.scene.run import plan_run, run_plan, write_script
 from simval.streams import Streams
 from simval.studies.plugin import PluginName, PluginParameters, Seconds, opened
 from simval.studies.scene import judged_rows
+from simval.studies.study import described
 
 TITLE = "User-supplied scene: is rest at rest, and do the poses suffice?"
 SECTION = None
@@ -29,12 +28,8 @@ class Parameters(PluginParameters):
 
     plugin = "scene"
 
-    scene: PluginName = Field(
-        default="", description="FILE.py that holds a scene, or a scene's name."
-    )
-    time_limit: Seconds = Field(
-        default=300.0, description="Wall time after which the cell fails, s."
-    )
+    scene: PluginName = described("", "FILE.py that holds a scene, or a scene's name.")
+    time_limit: Seconds = described(300.0, "Wall time after which the cell fails, s.")
 
     def missing(self, held: Container[str] = ()) -> str:
         """Say what is not on this machine; the package's scenes always are."""

@@ -29,7 +29,7 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
 from simval import statistics as stat
 from simval.arrays import Array, Mask, Places
@@ -45,13 +45,21 @@ from simval.imu.statics import (
     intervals_below,
     variance_magnitude,
 )
+from simval.imu.statics.detector import runs_of
 from simval.poses import PARAMETERS
 from simval.results import Outcome, Row, Rows, exact, nees, unjudged
 from simval.scene import Trajectory, simulate_cached
 from simval.shapes import Float, Int
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    LEAST_NOISE,
+    Cost,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.studies.trials import mean_of
 from simval.units import COUNT, PERCENT
 
@@ -81,8 +89,8 @@ ROUNDED = 1e-9
 class Parameters(StudyParameters):
     """One cell: a scene, its noise, and the detector's settings."""
 
-    scene: Literal["gimbal", "die", "shaker", "handheld"] = Field(
-        default="gimbal", description="Scene that is simulated."
+    scene: Literal["gimbal", "die", "shaker", "handheld"] = described(
+        "gimbal", "Scene that is simulated."
     )
     poses: int = ranged(40, "Rests that the scene plans.", 9, 400)
     noise_std: float = ranged(
@@ -219,7 +227,7 @@ def squares_of(
         means = np.array([sets[k].means for k in rows.tolist()])
         counts = np.array([sets[k].counts for k in rows.tolist()])
         fit = calibrate(means, g=g, noise_std=sensor.noise_std / np.sqrt(counts))
-        good = np.asarray(fit.converged)
+        good = fit.converged
         error = fit.parameters[good] - sensor.parameters
         squares[rows[good]] = normalised_squares(error, fit.covariance[good])
     return squares
@@ -311,14 +319,11 @@ def _artifact(
     threshold: float,
 ) -> Mapping[str, Array]:
     # what the report draws: times in s, readings in raw units
-    time = np.asarray(truth.time)
-    edges = np.diff(np.concatenate([[0], truth.still.astype(int), [0]]))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     return {
-        "time": time,
-        "signal": np.asarray(raw),
-        "intervals": time[intervals - [0, 1]],
-        "truth": time[np.stack([starts, stops - 1], axis=1)],
+        "time": truth.time,
+        "signal": raw,
+        "intervals": truth.time[intervals - [0, 1]],
+        "truth": truth.time[runs_of(truth.still) - [0, 1]],
         "variance": np.where(np.isfinite(spread), spread, np.nan),
         "threshold": np.array([threshold]),
     }

@@ -35,9 +35,9 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 import scipy
-from pydantic import Field
 
 from simval import statistics as stat
+from simval.arrays import outer
 from simval.figures import Figure, Listing, along_entry, entry, family_words
 from simval.geometry import normalize
 from simval.imu.explain import Judgement, RestMeans, judge
@@ -63,11 +63,11 @@ from simval.studies.rest_sets import (
     faulty,
     unharmed,
 )
-from simval.studies.study import Cost, StudyParameters, ranged
+from simval.studies.study import Cost, StudyParameters, described, ranged
 from simval.studies.trials import share_error
 from simval.units import PERCENT
 
-TITLE = "Diagnosis: are sound logs accused, and faults named?"
+TITLE = "Diagnosis: are sound logs left alone, and faults named?"
 SECTION = "diagnosis"
 
 SIZES: Final = (12.0, 50.0, 250.0)  # of a fault, times the noise of a mean
@@ -97,8 +97,8 @@ class Parameters(StudyParameters):
     logs: Literal[
         "sound", "of known noise", "changed readings", "biases", "scales", "holds",
         "two at once", "in half a sphere", "in no catalogue",
-    ] = Field(
-        default="sound", description="Logs without a fault, or with which."
+    ] = described(
+        "sound", "Logs without a fault, or with which."
     )  # fmt: skip
     trials: int = ranged(
         1,
@@ -174,8 +174,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     if parameters.logs == "sound":
         return Outcome(rows=(*_sound_rows(parameters.trials, streams),))
     if parameters.logs == "of known noise":
-        n = UNIFORM * parameters.trials
-        return Outcome(rows=_known_rows(n, streams.block(0)))
+        return Outcome(rows=_known_rows(UNIFORM * parameters.trials, streams.block(0)))
     return Outcome(rows=(*_fault_rows(parameters, streams),))
 
 
@@ -242,8 +241,7 @@ def _of_known_noise(rng: Random) -> RestMeans:
     matrix = np.eye(3) + np.triu(rng.normal(0.0, 0.02, (3, 3)))
     y = G * up @ matrix.T + rng.normal(0.0, 0.3, 3)
     along, std = normalize(y), 10.0 ** rng.uniform(-3.5, -2.0)
-    outer = along[:, :, None] * along[:, None, :]
-    root = std * (ACROSS * np.eye(3) + (1.0 - ACROSS) * outer)
+    root = std * (ACROSS * np.eye(3) + (1.0 - ACROSS) * outer(along, along))
     y = y + np.einsum("nab,nb->na", root, rng.standard_normal(y.shape))
     return RestMeans.of(y, root @ root, np.arange(float(len(y))))
 
@@ -329,10 +327,10 @@ FIGURES = (
         compared=False,
         log_y=False,
         caption=(
-            "Share of the logs in which a fault is named, alone, over its size; a "
-            "change of what is read has none. What is not named is unnamed, named "
-            "together with what cannot be told apart from it, or, seldom, misnamed: "
-            "the table below has each."
+            "Share of the logs in which a fault is named, alone, over its "
+            "size; a change of the readings has no size. Other faults are "
+            "unnamed, named together with one that looks the same, or, seldom, "
+            "misnamed: the table below has each."
         ),
     ),
     Listing(
@@ -353,7 +351,7 @@ FIGURES = (
     ),
     Listing(
         name="diagnosis-sound",
-        caption="Sound logs that are accused, and that are asked about",
+        caption="Sound logs that are called faulty, and that misfit",
         rows=[stat.ACCUSED, stat.ASKED],
         keys={"logs": entry(0)},
         column=family_words,

@@ -54,7 +54,7 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -103,7 +103,7 @@ from simval.studies.plugin import (
     outcome,
     run,
 )
-from simval.studies.study import LEAST_NOISE, Geometry, ranged
+from simval.studies.study import LEAST_NOISE, Geometry, described, ranged
 from simval.text import shown
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite
@@ -432,35 +432,37 @@ def require_fitting(plugin: Estimator, vectors: int, noise: VectorNoise) -> None
         raise PluginError(msg)
 
 
+Spaced = Annotated[str, AfterValidator(lambda text: " ".join(text.split()))]
+"""A text, of single spaces."""
+
+
 class Parameters(AlgorithmParameters):
     """One cell: a plug-in, a geometry and a noise level."""
 
     problem = Attitudes
     no_noise = ("algorithm", "cases", "time_limit")
 
-    algorithm: PluginName = Field(
-        default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
+    algorithm: PluginName = described(
+        "", "FILE.py, FILE.py:NAME or the name of an entry point."
     )
-    geometry: Geometry | GeometryName = Field(
-        default=3,
-        description="Number of a random attitude and vectors, or the name of a test "
+    geometry: Geometry | GeometryName = described(
+        3,
+        "Number of a random attitude and vectors, or the name of a test "
         "case, which has its vectors and noise.",
     )
     noise_std: float = ranged(
         0.01, "Noise per axis of each body vector of length 1.", LEAST_NOISE, MOST_NOISE
     )
-    noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(
-        default="body",
-        description="Noise of each vector relative to `noise_std`: body, all, tangent, "
+    noise: Spaced = described(
+        "body",
+        "Noise of each vector relative to `noise_std`: body, all, tangent, "
         'unequal, general, standard deviations such as "1 3 0 0" of b1, b2, r1, r2, '
         "or as many 3 x 3 covariances in JSON.",
     )
     vectors: int = ranged(2, "Vector pairs.", 2, 6)
     samples: int = ranged(16_384, "Trials; rounded up to whole blocks of 1024.", BLOCK)
     cases: int = ranged(COUNT, "Exact cases of each class of attitudes.", 64, 1 << 20)
-    time_limit: Seconds = Field(
-        default=300.0, description="Wall time after which the cell fails, s."
-    )
+    time_limit: Seconds = described(300.0, "Wall time after which the cell fails, s.")
 
     @model_validator(mode="before")
     @classmethod
@@ -555,8 +557,7 @@ def leading_rows(problem: Attitudes, rounding: float) -> Rows:
     rows += limit(stat.BELOW_BOUND(), below, most, stat.CRAMER_RAO, n=1)
     if problem.noise.isotropic and np.ptp(problem.noise.weights) and problem.weighs:
         given = problem.q, problem.references, problem.covariances(noise)
-        equal = np.trace(class_moments("wahba", *given)[1])
-        over = np.trace(covariance) / equal
+        over = np.trace(covariance) / np.trace(class_moments("wahba", *given)[1])
         rows += limit(
             stat.OVER_EQUAL_WEIGHTS(), over, 1.0 + most, stat.EQUAL_WEIGHTS, n=1
         )

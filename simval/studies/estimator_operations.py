@@ -128,10 +128,9 @@ def operation_rows(plugin: Estimator, vectors: int) -> Rows:
         raise PluginError(msg)
     total = counts.sum(axis=1)
     order = np.argsort(total, kind="stable")
-    middle = order[COUNT // 2]
     return unjudged(
         stat.OPERATIONS.each(("fewest", "median", "most", *KINDS)),
-        [*total[order[[0, COUNT // 2, -1]]], *counts[middle]],
+        [*total[order[[0, COUNT // 2, -1]]], *counts[order[COUNT // 2]]],
         n=COUNT,
     )
 
@@ -153,10 +152,8 @@ def rounding_rows(plugin: Estimator, vectors: int, noise: VectorNoise) -> Rows:
     rows: Rows = ()
     for sine in SINES:
         q, r1, other = random_case(COUNT, np.random.default_rng(COUNT))
-        across = normalize(np.cross(r1, other))
-        r2 = np.sqrt(1.0 - sine**2) * r1 + sine * across
-        cases = Exact(q, seen(q, r1, r2), noise)
-        worst = min(float(cases.errors(plugin).max()), np.pi)
+        r2 = np.sqrt(1.0 - sine**2) * r1 + sine * normalize(np.cross(r1, other))
+        worst = min(float(Exact(q, seen(q, r1, r2), noise).errors(plugin).max()), np.pi)
         given = stat.ROUNDING_AT(f"{sine:g}"), worst
         if sine < PROMISED or PARALLEL in plugin.fails_at or noise.extreme:
             rows += unjudged(*given, n=COUNT)

@@ -19,7 +19,7 @@ from hashlib import sha256
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array, Places
@@ -76,7 +76,7 @@ from simval.studies.plugin import (
     outcome,
     run,
 )
-from simval.studies.study import LEAST_NOISE, Cost, ranged
+from simval.studies.study import LEAST_NOISE, Cost, described, ranged
 from simval.theory import FilterPrediction
 from simval.units import COUNT, DEGREE
 
@@ -185,12 +185,12 @@ class Parameters(AlgorithmParameters):
     problem = Filtering
     no_noise = ("algorithm", "scenario", "time_limit")
 
-    algorithm: PluginName = Field(
-        default=REFERENCE, description="FILE.py, FILE.py:NAME or an entry point."
+    algorithm: PluginName = described(
+        REFERENCE, "FILE.py, FILE.py:NAME or an entry point."
     )
-    scenario: Annotated[str, AfterValidator(spelled)] = Field(
-        default="gimbal slow",
-        description="What happens (docs/filters.md), then after commas what is wrong: "
+    scenario: Annotated[str, AfterValidator(spelled)] = described(
+        "gimbal slow",
+        "What happens (docs/filters.md), then after commas what is wrong: "
         '"gimbal slow, scale 1e-3".',
     )
     rate: float = ranged(
@@ -213,12 +213,13 @@ class Parameters(AlgorithmParameters):
         1e-3, "Standard deviation of the first bias, rad/s per axis.", LEAST_NOISE, 0.1
     )
     start_std: float = ranged(
-        5e-3, "Standard deviation of the start told, rad per axis.", LEAST_NOISE, 0.5
+        5e-3,
+        "Standard deviation of the start that the filter gets, rad per axis.",
+        LEAST_NOISE,
+        0.5,
     )
     trials: int = ranged(256, "Trials; rounded up to whole blocks of 8.", BLOCK)
-    time_limit: Seconds = Field(
-        default=600.0, description="Wall time after which the cell fails, s."
-    )
+    time_limit: Seconds = described(600.0, "Wall time after which the cell fails, s.")
 
     def cost(self) -> Cost:
         """Cost of a cell: a filter of many trials at once, or one by one."""
@@ -431,9 +432,9 @@ FIGURES = (
         floor=None,
         level=3.0,
         caption=(
-            "Normalised squared error of the attitude over time, mean over the trials: "
-            "3 for an honest covariance. Above, a filter is overconfident; below, its "
-            "errors are smaller than it says."
+            "Normalised squared error of the attitude over time, mean over the "
+            "trials: 3 if the covariance is right. Above, a filter is "
+            "overconfident; below, its errors are smaller than it says."
         ),
     ),
     replace(

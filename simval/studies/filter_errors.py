@@ -101,8 +101,7 @@ class Answers:
     @cached_property
     def error(self) -> Float[Array, "n i 3"]:
         """Attitude errors at the instants, rad."""
-        estimate = self.found.attitude[:, self.late]
-        return rotation_error(estimate, self.truth[self.late])
+        return rotation_error(self.found.attitude[:, self.late], self.truth[self.late])
 
     @cached_property
     def angle(self) -> Float[Array, "n i"]:
@@ -178,8 +177,7 @@ def error_rows(
         *unjudged(stat.RMS(HEADING, unit="rad"), *root_mean_square(heading)),
         *unjudged(stat.RMS(INCLINATION, unit="rad"), *root_mean_square(inclination)),
     ]
-    most = np.maximum(SETTLED * least, ENOUGH)
-    settled = settled_at(angle, answers.time[late], most)
+    settled = settled_at(angle, answers.time[late], np.maximum(SETTLED * least, ENOUGH))
     ended = np.isfinite(settled)
     rows += unjudged(stat.SETTLING_TRIALS(), ended.mean(), 0.0, len(settled))
     if ended.any():
@@ -369,12 +367,10 @@ def diagnosis_rows(
     total, most = np.sum(mean**2), 0.0
     for name, X in zip(FORMS, forms, strict=True):
         flat = X.reshape(-1, X.shape[-1])
-        inverse = np.linalg.pinv(flat)
-        each = e.reshape(n, -1) @ inverse.T
+        each = e.reshape(n, -1) @ np.linalg.pinv(flat).T
         value, left = each.mean(axis=0), mean.ravel() - flat @ each.mean(axis=0)
         explained = 1.0 - (left @ left) / total if total > 0.0 else 0.0
-        size = np.linalg.norm(value)
-        signed = value[0] if len(value) == 1 else size
+        signed = value[0] if len(value) == 1 else np.linalg.norm(value)
         error = np.linalg.norm(each.std(axis=0, ddof=1)) / np.sqrt(n)
         rows += unjudged(stat.SYSTEMATIC(name), share * max(explained, 0.0), 0.0, n)
         most = max(most, explained)

@@ -21,11 +21,10 @@ take off the accelerometer's variances.
 
 from collections.abc import Iterator
 from math import sqrt
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import scipy
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -50,7 +49,7 @@ from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.response import apart
-from simval.studies.study import Cost, StudyParameters, ranged, refusing
+from simval.studies.study import Cost, StudyParameters, described, ranged, refusing
 from simval.studies.trials import Block, Trials, drawn_rows, mean_of, trials_of
 from simval.theory.calibration import calibration_moments
 from simval.theory.coverage import bias_square, interval_coverage
@@ -99,8 +98,8 @@ UNITS = ("1",) * 9 + ("rad/s",) * 3
 class Parameters(StudyParameters):
     """One cell: an estimator, poses, rotations, rate of the rows and noise."""
 
-    estimator: Literal["joint", "generalised", "unweighted"] = Field(
-        default="joint", description="Both sensors together, one by one, or IMU-TK's."
+    estimator: Weighting = described(
+        "joint", "Both sensors together, one by one, or IMU-TK's."
     )
     poses: int = ranged(40, "Poses, spread evenly over the sphere.", 12, 100)
     move_time: float = ranged(2.0, "Time of a move, s.", 1.5, 10.0)
@@ -188,8 +187,7 @@ class Tumble:
         self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
     ) -> dict[str, Array]:
         """Noise of these, in units of what the parameters say."""
-        density = np.radians(self.parameters.angle_random_walk)
-        each = density * sqrt(ROWS / self.every)
+        each = np.radians(self.parameters.angle_random_walk) * sqrt(ROWS / self.every)
         return {
             "pose means": (poses - self.poses) / self.pose_std[:, None],
             "rates": (rows - self.rates) / each,

@@ -17,10 +17,7 @@ Both predictions are allowed the remainder that theory states for them, and roun
 that of the poses' condition, in the units of the sensor's scales.
 """
 
-from typing import Literal
-
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -41,9 +38,17 @@ from simval.studies.calibration import (
     rounding_of,
 )
 from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    LEAST_NOISE,
+    Cost,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.studies.trials import Block, correlation_row, noise_row, trials_of
 from simval.theory.calibration import CalibrationMoments, calibration_moments
+from simval.vocabulary import Residual
 
 TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"
@@ -56,9 +61,7 @@ RUNGS = {"squared": -3.5, "norm": -2.0, "weighted": -1.5, "sampson": 0.5, "adjus
 class Parameters(StudyParameters):
     """One cell: a residual, a noise level, a pose count and a spread of scales."""
 
-    residual: Literal["squared", "norm", "weighted", "sampson", "adjusted"] = Field(
-        default="squared", description="What the calibration minimises."
-    )
+    residual: Residual = described("squared", "What the calibration minimises.")
     noise_std: float = ranged(
         0.1, "Noise of each axis of a pose mean, m/s^2.", LEAST_NOISE, 1.0
     )
@@ -73,8 +76,7 @@ class Parameters(StudyParameters):
     def cost(self) -> Cost:
         """Cost of a cell: the fits of each pair."""
         passes = 1.0 if self.residual in ("squared", "adjusted") else 5.0
-        one = 2.4e-5 + passes * 4.8e-7 * self.poses
-        return Cost(self.trials * one, 30)
+        return Cost(self.trials * (2.4e-5 + passes * 4.8e-7 * self.poses), 30)
 
 
 def true_sensor(scale_spread: float) -> AccelerometerModel:

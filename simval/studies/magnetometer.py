@@ -188,9 +188,8 @@ class Scenario:
 
     def predicted(self) -> MagnetometerMoments:
         """Prediction of theory."""
-        dip = self.truth[-1]
         return magnetometer_moments(
-            *self.sensors, self.attitudes, dip, g=G, **self.told
+            *self.sensors, self.attitudes, self.truth[-1], g=G, **self.told
         )
 
     def equations(self) -> Float[Array, "m d"]:
@@ -383,8 +382,7 @@ def _spread_row(error: Float[Array, "t 22"], predicted: MagnetometerMoments) -> 
 
 
 def _recovery(case: Scenario) -> Rows:
-    fit = case.fitted(*case.means)
-    error = np.abs(fit.parameters - case.truth)
+    error = np.abs(case.fitted(*case.means).parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
     relative = [
         error[part].max() / size
@@ -395,8 +393,7 @@ def _recovery(case: Scenario) -> Rows:
 
 def stated_row(case: Scenario, predicted: MagnetometerMoments) -> Rows:
     """The covariance that the fit states at the truth, against the bound."""
-    fit = case.fitted(*case.means)
-    off = apart(fit.covariance, predicted.covariance)
+    off = apart(case.fitted(*case.means).covariance, predicted.covariance)
     return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, MET)
 
 

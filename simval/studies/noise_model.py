@@ -28,7 +28,6 @@ from typing import Literal
 
 import numpy as np
 import scipy
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -47,7 +46,7 @@ from simval.results import Outcome, Rows, exact, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, apart
-from simval.studies.study import Cost, StudyParameters, ranged
+from simval.studies.study import Cost, StudyParameters, described, ranged
 from simval.studies.trials import (
     KEPT,
     Block,
@@ -87,9 +86,9 @@ FEW = 64
 class Parameters(StudyParameters):
     """One cell: a signal's length, its flicker and walk, and how it is fitted."""
 
-    estimate: Literal["known weights", "fitted", "intervals", "chosen"] = Field(
-        default="intervals",
-        description="Weights as theory has them, or the fit, or its intervals, too; or "
+    estimate: Literal["known weights", "fitted", "intervals", "chosen"] = described(
+        "intervals",
+        "Weights as theory has them, or the fit, or its intervals, too; or "
         "the choice of components, of a Markov bias and of strong flicker and walk.",
     )
     rows: int = ranged(16_384, "Rows of a signal, at 100 Hz.", 4096, 1_000_000)

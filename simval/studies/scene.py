@@ -9,7 +9,6 @@ from contextlib import suppress
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -23,7 +22,7 @@ from simval.scene.physics import roll_out
 from simval.scene.pictures import drawn
 from simval.scene.run import checked_trajectory, plan_run
 from simval.streams import Streams
-from simval.studies.study import Cost, StudyParameters, ranged, refusing
+from simval.studies.study import Cost, StudyParameters, described, ranged, refusing
 
 TITLE = "Scenes: is rest at rest, and do the poses suffice?"
 SECTION = "scene"
@@ -41,9 +40,7 @@ CHANCE = 1e-6
 class Parameters(StudyParameters):
     """One cell: a scene and its number of poses."""
 
-    scene: Literal["gimbal", "die"] = Field(
-        default="gimbal", description="Scene that is simulated."
-    )
+    scene: Literal["gimbal", "die"] = described("gimbal", "Scene that is simulated.")
     poses: int = ranged(40, "Poses of the gimbal, or throws of the die.", 9, 400)
 
     def cost(self) -> Cost:

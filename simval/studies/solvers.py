@@ -28,7 +28,6 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -43,7 +42,14 @@ from simval.results import Outcome, Row, beyond, limit, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import G, true_sensor
-from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
+from simval.studies.study import (
+    LEAST_NOISE,
+    Cost,
+    StudyParameters,
+    described,
+    ranged,
+    refusing,
+)
 from simval.theory.calibration import calibration_moments
 from simval.vocabulary import METHODS, Iteration, Method, Model
 
@@ -92,11 +98,11 @@ class Parameters(StudyParameters):
         0.3, "Noise of each axis of a pose mean, m/s^2.", LEAST_NOISE, 3.0
     )
     poses: int = ranged(40, "Poses, spread evenly over the sphere.", 10, 400)
-    iteration: Iteration = Field(
-        default="centre", description="Unknowns: the centre, or the sources' nine."
+    iteration: Iteration = described(
+        "centre", "Unknowns: the centre, or the sources' nine."
     )
     step: float = ranged(1.0, "Fraction of each step that is taken.", LEAST_STEP, 1.0)
-    model: Model = Field(default="triangular", description="Form of the parameters.")
+    model: Model = described("triangular", "Form of the parameters.")
 
     no_noise = ("iteration", "step", "model")
 

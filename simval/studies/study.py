@@ -94,6 +94,11 @@ Geometry = Annotated[
 """A random geometry by its number."""
 
 
+def described(default: Any, words: str) -> Any:
+    """A parameter that is a choice or a name: its default, in words."""
+    return Field(default, description=words)
+
+
 def ranged(default: float, words: str, least: float, most: float | None = None) -> Any:
     """A parameter that is a number: its default, in words, and its range."""
     return Field(default, description=words, ge=least, le=most)

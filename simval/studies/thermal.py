@@ -100,9 +100,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         found = minimize(problem, start, STEPS)
         error = found.theta - truth
         own, _ = found.here.covariance()
-        scatter = found.here.chi_square / dof
         half = quantile * np.sqrt(
-            np.linalg.diagonal(own) * scatter[:, None]
+            np.linalg.diagonal(own) * (found.here.chi_square / dof)[:, None]
         )  # fmt: skip
         kept = {
             "error": error,
@@ -144,11 +143,9 @@ def _left(
 ) -> Float[Array, " t"]:
     # root mean square error of the specific force, of readings without noise
     values = theta[:, PARAMETERS:].reshape(len(theta), -1, 3)
-    x = clean - theta[:, None, 6:PARAMETERS]
-    away, stretch = law(LINEAR, values, powers, x)
+    away, stretch = law(LINEAR, values, powers, clean - theta[:, None, 6:PARAMETERS])
     matrix = forms.matrix("triangular", theta[:, :PARAMETERS])
-    force = (stretch * away) @ matrix.mT
-    off = force - G * directions
+    off = (stretch * away) @ matrix.mT - G * directions
     return np.sqrt((off * off).sum(axis=-1).mean(axis=-1))
 
 
@@ -177,9 +174,9 @@ FIGURES = (
         lines=entries,
         panels=lambda row: row.statistic.entries[0].partition("_")[0],
         caption=(
-            "Standard deviation of each parameter and of each linear coefficient, and "
-            "the Cramér-Rao bound: a span of temperatures twice as wide tells the "
-            "coefficients twice as well."
+            "Standard deviation of each parameter and of each linear "
+            "coefficient, and the Cramér-Rao bound: a span of temperatures "
+            "twice as wide halves the errors of the coefficients."
         ),
     ),
 )

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -32,7 +31,7 @@ from simval.studies.filter_prediction import (
     second_order,
 )
 from simval.studies.filter_scenarios import Course, Imperfect, Simulated, course, drawn
-from simval.studies.study import Cost, StudyParameters, ranged, refusing
+from simval.studies.study import Cost, StudyParameters, described, ranged, refusing
 from simval.studies.trials import Drawn, drawn_rows
 from simval.theory import CalibrationError, RowError, filter_prediction
 from simval.theory.filter_settings import (
@@ -43,7 +42,9 @@ from simval.theory.filter_settings import (
     honest_settings,
 )
 
-TITLE = "What a filter is told: does prediction hold, and is what is found right?"
+TITLE = (
+    "Settings of a filter: does the prediction hold, and are the settings found right?"
+)
 SECTION = "settings"
 
 BLOCK = 8  # trials; part of the promise of equal bits
@@ -60,12 +61,12 @@ class Parameters(StudyParameters):
 
     no_noise = ("setting",)
 
-    motion: Literal["gimbal slow", "gimbal fast"] = Field(
-        default="gimbal slow", description="Motion of the body."
+    motion: Literal["gimbal slow", "gimbal fast"] = described(
+        "gimbal slow", "Motion of the body."
     )
-    setting: Literal["true noise", "twice", "tenfold", "found"] = Field(
-        default="found",
-        description="Noise that the filter is given: its own, twice or ten times it, "
+    setting: Literal["true noise", "twice", "tenfold", "found"] = described(
+        "found",
+        "Noise that the filter is given: its own, twice or ten times it, "
         "or that of `simval tell`.",
     )
     gyroscope_error: float = ranged(
@@ -173,8 +174,7 @@ def readings(
     offset = errors[:, 27:].reshape(BLOCK, 2, 3)
     turned = parameters.gyroscope_error * way.rate
     more: dict[str, Any] = {GYROSCOPE: given.gyroscope + turned @ E[:, 0].mT}
-    field = way.strength
-    vectors = {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, field)}
+    vectors = {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, way.strength)}
     for k, (name, (vector, size)) in enumerate(vectors.items()):
         off = vector @ E[:, k + 1].mT + size * offset[:, k, None]
         more[name] = getattr(given, name) + parameters.vector_error * off
@@ -192,7 +192,7 @@ def setting_rows(found: FilterSettings | None) -> Rows:
 
 _OVER_ERROR = Figure(
     name="told-nees",
-    asked="What must a filter be told so that its covariance is right?",
+    asked="Which settings make a filter's covariance right?",
     says="The normalised squared error, of which 3 is right: {each}.",
     rows=[stat.NEES()],
     along="gyroscope_error",

@@ -24,7 +24,7 @@ import numpy as np
 import scipy
 
 from simval import statistics as stat
-from simval.arrays import Array, Mask
+from simval.arrays import Array, Mask, outer
 from simval.imu.calibrate import FitResult, MagnetometerFit
 from simval.montecarlo import Sums
 from simval.montecarlo.plain import batch_means, finite_means, summed
@@ -107,7 +107,7 @@ def stated_of(
     These are normalised by the stated covariance, (trials,).
     """
     low, high = np.moveaxis(fit.confidence_intervals(level), -1, 0)
-    scaled = fit.covariance / (fit.sd[:, :, None] * fit.sd[:, None, :])
+    scaled = fit.covariance / outer(fit.sd, fit.sd)
     ratio = (fit.parameters - truth) / fit.sd
     square = np.vecdot(ratio, np.linalg.solve(scaled, ratio[..., None])[..., 0])
     return (low <= truth) & (truth <= high), square

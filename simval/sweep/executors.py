@@ -211,8 +211,7 @@ def _done(cell: Cell, position: int, outcome: Outcome | str, seconds: float) -> 
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         return failed(position, cell, described(error), seconds)
     entry = cell_entry(position, cell, "done", "", seconds, outcome.times)
-    digest = digest_of_entries(entry, rows)
-    return Done(entry, rows, digest, outcome.artifacts)
+    return Done(entry, rows, digest_of_entries(entry, rows), outcome.artifacts)
 
 
 def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:

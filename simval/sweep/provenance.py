@@ -143,8 +143,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _kernels() -> list[str]:
-    config = np.show_config(mode="dicts")
-    return list(config["SIMD Extensions"].get("found", []))
+    return list(np.show_config(mode="dicts")["SIMD Extensions"].get("found", []))
 
 
 def _libc() -> str:

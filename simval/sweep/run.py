@@ -140,8 +140,7 @@ def _timing(file: Path) -> dict[str, Any]:
     if not file.exists():
         return {}
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        return {**content}
+        return {**json.loads(file.read_text(encoding="utf-8"))}
     except (OSError, ValueError, TypeError) as error:
         msg = f"{file} is damaged: {error}; run the suite again, or remove the file"
         raise InputError(msg) from None

@@ -164,8 +164,7 @@ def drive(
             queue = Queue(suite.cells, pending, work, stated)
             _compute(database, folder, compute, queue, progress)
             manifest = store.manifest(database)
-            counts = store.entry(database, "machines")
-            manifest["environments"] = environments(counts)
+            manifest["environments"] = environments(store.entry(database, "machines"))
             manifest |= provenance.asked(suite)  # no number depends on it
             store.keep_manifest(database, manifest)
             spent = store.times(database)

@@ -261,8 +261,7 @@ def check_complete(database: sqlite3.Connection, folder: Path) -> None:
 
 def entry(database: sqlite3.Connection, key: str) -> Any:
     """Read an entry of the store."""
-    query = "SELECT value FROM meta WHERE key = ?"
-    value = database.execute(query, (key,)).fetchone()
+    value = database.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
     return value[0] if value else None
 
 

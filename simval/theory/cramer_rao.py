@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.arrays import Array, ReadOnly
+from simval.arrays import Array, ReadOnly, outer
 from simval.errors import InputError
 from simval.geometry import attitude_matrix, cross_matrix
 from simval.shapes import Float
@@ -134,7 +134,7 @@ def _bound_of(
     n = count // 2
     known = [i >= n and not noise[..., i, :, :].any() for i in range(count)]
     # noise along a vector does not enter, so there is some: a solution is then regular
-    along = vectors[..., :, None] * vectors[..., None, :]
+    along = outer(vectors, vectors)
     size = np.linalg.trace(noise)[..., None, None]
     left = np.max(np.abs(noise @ along), axis=(-2, -1), keepdims=True)
     noise = noise + np.where(left <= TANGENT * size, size, 0.0) * along
@@ -157,8 +157,7 @@ def _bound_of(
     e, s = unit_q[..., :3], unit_q[..., 3, None, None]
     rows = s * np.eye(3) + cross_matrix(e), -e[..., None, :]
     half_xi = 0.5 * np.concatenate(rows, axis=-2)
-    quaternion = half_xi @ rotation @ half_xi.mT
-    return AttitudeBound(rotation=rotation, quaternion=quaternion)
+    return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.mT)
 
 
 def _lost(B: Array, A: Array, r: Array, body: Array, reference: Array) -> Array:

@@ -277,9 +277,9 @@ def _density_of(
 
 def _unresolved(geometry: TwoVectorGeometry, what: str) -> str:
     return (
-        f"two rules for the density {what}: the noise is small beside |d2| of "
-        f"{np.linalg.norm(geometry.d2):.2f}, where the covariance says all there is to "
-        "say, so use `attitude_moments`"
+        f"two rules for the density {what}: the noise is small against |d2| "
+        f"of {np.linalg.norm(geometry.d2):.2f}, where the covariance says "
+        "all there is to say, so use `attitude_moments`"
     )
 
 

@@ -77,7 +77,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from simval.arguments import choice
-from simval.arrays import Array, finite_array, physical_array
+from simval.arrays import Array, finite_array, outer, physical_array
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import compose, conjugate, cross, cross_matrix, normalize
 from simval.moments import Moments
@@ -304,11 +304,10 @@ def loss_noncentrality(
 
 def _gain(b: Shaped[Array, "... 3"], r: Shaped[Array, "... 3"]) -> Any:
     # the symmetric matrix with q' K q = b' A(q) r, bilinear in b and r
-    outer = b[..., :, None] * r[..., None, :]
-    turn = np.cross(b, r)
-    trace = np.asarray(np.linalg.trace(outer))[..., None, None]
+    pairs, turn = outer(b, r), np.cross(b, r)
+    trace = np.asarray(np.linalg.trace(pairs))[..., None, None]
     top = np.concatenate(
-        [outer + outer.mT - trace * np.eye(3), turn[..., None]], axis=-1
+        [pairs + pairs.mT - trace * np.eye(3), turn[..., None]], axis=-1
     )
     bottom = np.concatenate([turn[..., None, :], trace], axis=-1)
     return np.concatenate([top, bottom], axis=-2)
@@ -388,8 +387,7 @@ def _require_resolved(
 def _resolvent(K: Array, q: Array, top: float) -> Array:
     # pseudo-inverse of top - K, whose kernel is q
     values, vectors = np.linalg.eigh(top * np.eye(4) - K + top * np.outer(q, q))
-    inverse = (vectors / values) @ vectors.T
-    return inverse - np.outer(q, q) / top
+    return (vectors / values) @ vectors.T - np.outer(q, q) / top
 
 
 def _weights(weights: Any, n: int) -> Array:

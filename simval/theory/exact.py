@@ -68,7 +68,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from simval.arrays import Array, Mask, Scalars, frozen
+from simval.arrays import Array, Mask, Scalars, frozen, outer
 from simval.errors import RefusedError
 from simval.geometry import cross, cross_matrix
 from simval.shapes import Float
@@ -185,8 +185,7 @@ def _grid(
     across = np.sin(theta)[..., None, :, None] * ring[..., None, :]
     directions = along[..., None] + across
     # component by component in memory, as what works on them wants it
-    flat = directions.reshape(*pole.shape, -1).mT
-    return flat, 2.0 * np.pi / count
+    return directions.reshape(*pole.shape, -1).mT, 2.0 * np.pi / count
 
 
 def _normals(u: Float[Array, "... 3"]) -> Float[Array, "... 3 2"]:
@@ -397,11 +396,11 @@ def _moments_isotropic(
     # E[e e'|u] = gap gap' + a (q w' + w q') - b w w' + b/2 (R - w w')
     second = (weights[..., None, :] * gap) @ gap.mT
     second -= 3.0 * (half[..., None, :] * w) @ w.mT
-    shortened = q[..., :, None] * mean_w[..., None, :]
+    shortened = outer(q, mean_w)
     second += shortened + shortened.mT
     second += half.sum(axis=-1)[..., None, None] * np.eye(4)
     second[..., :3, :3] -= (half[..., None, :] * u) @ directions
-    return bias, second - bias[..., :, None] * bias[..., None, :]
+    return bias, second - outer(bias, bias)
 
 
 def one_minus_a(rho: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -519,8 +518,7 @@ def _hermite_rule(d2: Array, variances: Array, axes: Array, count: int) -> Rule:
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
     weights = (w[:, None, None] * w[:, None] * w).ravel() / w.sum() ** 3
     kept = weights > 1e-22
-    scaled = grid[kept] * np.sqrt(variances)
-    return d2 + scaled @ axes.T, weights[kept]
+    return d2 + (grid[kept] * np.sqrt(variances)) @ axes.T, weights[kept]
 
 
 def _normalized(vectors: Array) -> Array:
@@ -537,8 +535,7 @@ def _moments_any(
 ) -> MeanAndCovariance:
     # bias and covariance from (E4), averaged over d2 or its directions
     maps, basis = direction_maps(_normalized(points))
-    z1 = np.concatenate([geometry.d1, geometry.s1])
-    m = maps @ z1
+    m = maps @ np.concatenate([geometry.d1, geometry.s1])
     if slope is not None:
         m = m + np.matvec(maps, (points - geometry.d2) @ slope.T)
     variances, axes = np.linalg.eigh(maps @ C1 @ maps.mT)
@@ -598,7 +595,7 @@ def _shortening(
     # 1 - f_k f_l = g_k + g_l - g_k g_l
     one = np.sum(Z0 * g, axis=-1)
     both = (Z0 * g) @ g.mT + (growth * f) @ f.mT
-    D = means[:, :, None] * means[:, None, :] * (one[:, :, None] + one[:, None] - both)
+    D = outer(means, means) * (one[:, :, None] + one[:, None] - both)
     every = np.arange(3)
     D[:, every, every] -= variances[..., 0] * np.sum((Z0 + growth) * f, axis=-1)
     return delta, D

@@ -91,7 +91,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array, Scalars
+from simval.arrays import Array, Scalars, outer
 from simval.geometry import cross, cross_matrix
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
@@ -173,7 +173,7 @@ def half_noise(
         halves = np.block(rows)
         C = halves @ noise @ halves.mT
         return C[..., :6, :6], C[..., 6:, 6:], C[..., :6, 6:]
-    turn = geometry.turn[..., :, None] * geometry.turn[..., None, :]
+    turn = outer(geometry.turn, geometry.turn)
     b1, b2 = noise[..., 0, :, :], noise[..., 1, :, :]
     r1, r2 = turn * noise[..., 2, :, :], turn * noise[..., 3, :, :]
     own, cross = (b1 + r1) / 4.0, (b1 - r1) / 4.0
@@ -214,13 +214,12 @@ def scaled_error_moments(
         mixed = C12[..., None, :, :]
         spread = spread + mixed @ B.mT @ mixed
     V = spread.reshape(flat) @ B.reshape(flat).mT
-    G = half + half.mT
-    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=G, mean=mean)
+    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=half + half.mT, mean=mean)
 
 
 def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
     """Matrix Q of source eq. (50)."""
-    return np.eye(4) - 3.0 * _outer(q, q)
+    return np.eye(4) - 3.0 * outer(q, q)
 
 
 def second_order_bias(
@@ -258,8 +257,7 @@ def quadratic_covariance(
 ) -> Float[Array, "... 4 4"]:
     """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean."""
     scaled = quadratic_form(q) @ P[..., None, :, :]
-    turned = _flat(scaled.mT)
-    return 2.0 * _flat(scaled) @ turned.mT
+    return 2.0 * _flat(scaled) @ _flat(scaled.mT).mT
 
 
 def paper_fourth_covariance(
@@ -280,15 +278,14 @@ def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "...
     # sum over c and d of G[d, a, c] T[b, c, d]
     by_a = _flat(np.moveaxis(_about_zero(moments), -3, -1))
     second_third = 2.0 * by_a @ _flat(T).mT
-    third = P @ _mean_cubic_gradient(q, P)
-    half = mixed + projector @ (second_third + third)
+    half = mixed + projector @ (second_third + P @ _mean_cubic_gradient(q, P))
     return paper_fourth_covariance(q, P) + bilinear + half + half.mT
 
 
 def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "... 4"]:
     """Mean of q - qhat through fourth order."""
     q, P = moments.q, moments.P
-    V = moments.V + _outer(moments.mean, moments.mean)
+    V = moments.V + outer(moments.mean, moments.mean)
     from_bilinear = np.sum(quadratic_form(q) * V[..., None, :, :], axis=(-2, -1))
     return (
         second_order_bias(q, P)
@@ -311,10 +308,10 @@ def _mean_cubic_gradient(
     Pq, trace = np.matvec(P, q), _trace(P)[..., None]
     along = _dot(q, Pq)
     return (
-        3.0 * _outer(q, Pq)
+        3.0 * outer(q, Pq)
         - P
         + (1.5 * along - 0.5 * trace)[..., None] * np.eye(4)
-        - _outer((7.5 * along - 1.5 * trace) * q - 3.0 * Pq, q)
+        - outer((7.5 * along - 1.5 * trace) * q - 3.0 * Pq, q)
     )
 
 
@@ -345,10 +342,6 @@ def _quartic_bias(
         + 3.0 * (trace**2 + 2.0 * np.sum(P * P, axis=(-2, -1))[..., None])
     )
     return vector - inside / 8.0 * q
-
-
-def _outer(a: Array, b: Array) -> Array:
-    return a[..., :, None] * b[..., None, :]
 
 
 def _trace(matrices: Array) -> Any:
@@ -462,8 +455,7 @@ def combined_moments(
     moved = np.matvec(changes, p[..., None, :]) / squared
     turned = np.vecmat(q[..., None, :], changes)
     spread = _weighted(noise, moved)
-    across = moved @ projector
-    P = across.mT @ spread @ projector
+    P = (moved @ projector).mT @ spread @ projector
     bent = np.sum(np.matvec(changes, _weighted(noise, turned)), axis=-2)
     bent = bent / squared[..., 0] - 2.0 * np.vecmat(np.matvec(moved, q), spread)
     bent = bent + np.vecmat(means.reshape(*means.shape[:-2], 12), moved)

@@ -37,7 +37,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, Mask, Places, ReadOnly, physical_array
+from simval.arrays import Array, Mask, Places, ReadOnly, outer, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -134,8 +134,7 @@ class Part(NamedTuple):
     def run(self, state: State, some: Places) -> tuple[State, Answer]:
         """State after the last row, and the answer at some rows."""
         P = covariances(self.told, state.P)
-        maps = self._maps(P[1:])
-        X, S = scan(maps, (state.X, state.S), carry_linear, apply_linear)
+        X, S = scan(self._maps(P[1:]), (state.X, state.S), carry_linear, apply_linear)
         last = State(P=P[-1], X=X[-1], S=S[-1])
         X = np.concatenate([state.X[None], X])
         S = np.concatenate([state.S[None], S])
@@ -230,7 +229,7 @@ def _of_columns(
 ) -> Float[Array, "k m m"]:
     """Second moment that errors of readings make."""
     _, parts, mean = spread(S, errors)
-    return parts.sum(axis=0) + mean[:, :, None] * mean[:, None, :]
+    return parts.sum(axis=0) + outer(mean, mean)
 
 
 def _diagonal(values: Float[Array, "k m"]) -> Float[Array, "k m m"]:
@@ -276,7 +275,7 @@ class FilterPrediction(ReadOnly):
     @property
     def second_moment(self) -> Float[Array, "k 6 6"]:
         """Covariance of all sources and the square of the mean, (k, 6, 6)."""
-        return self.parts.sum(axis=0) + self.mean[:, :, None] * self.mean[:, None, :]
+        return self.parts.sum(axis=0) + outer(self.mean, self.mean)
 
     def nees(self, size: int = 6) -> Float[Array, " k"]:
         """Expected square of the normalised error, eq. (F8).
@@ -317,7 +316,7 @@ class FilterPrediction(ReadOnly):
         P = self.told
         b = deviations(P[:, 3:, 3:])
         cross = P[:, :3, 3:] / b[:, None]
-        C = P[:, 3:, 3:] / (b[:, :, None] * b[:, None])
+        C = P[:, 3:, 3:] / outer(b, b)
         inside = P[:, :3, :3] - cross @ np.linalg.solve(C, cross.mT)
         trace = np.linalg.trace(P[:, :3, :3])
         # of what rounding takes from a difference nothing is known

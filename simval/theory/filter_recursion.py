@@ -60,7 +60,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, Places, ReadOnly
+from simval.arrays import Array, Places, ReadOnly, outer
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_model import (
@@ -137,7 +137,7 @@ def apply_riccati(state: Matrices, maps: Matrices) -> Matrices:
 def _root(P: Float[Array, "... 6 6"]) -> Float[Array, "... 6 6"]:
     # R R' = P, which may be singular; of the correlations, whose units are one
     unit = scales(P)
-    values, V = np.linalg.eigh(P / (unit[..., :, None] * unit[..., None, :]))
+    values, V = np.linalg.eigh(P / outer(unit, unit))
     return unit[..., :, None] * V * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
 

@@ -280,8 +280,8 @@ def magnetometer_moments(
     rank = rank_of(information)
     if rank < PARAMETERS:
         msg = (
-            f"the {len(problem.y)} poses have rank {rank} of {PARAMETERS}, so some "
-            "parameters cannot be told apart; turn and tilt to more sides"
+            f"the {len(problem.y)} poses have rank {rank} of {PARAMETERS}, so "
+            "they do not determine all parameters; turn and tilt to more sides"
         )
         raise GeometryError(msg)
     covariance = inverse_of(information)

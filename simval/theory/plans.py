@@ -707,8 +707,7 @@ def _next_turn(result: GyroscopePlan) -> Reply:
         f"A turn by {np.degrees(result.next_angle):.0f}° about "
         f"{_vector(result.next_axis)} from the last pose"
     )
-    known = np.isfinite(result.sd).all()
-    gain = f": by {_gain(result)}" if known else ""
+    gain = f": by {_gain(result)}" if np.isfinite(result.sd).all() else ""
     return Reply(title=HELPS, headline=f"{words}{gain}.")
 
 

@@ -152,8 +152,7 @@ def _gains(
     )
     tangent = turned @ tangent_projector(geometry.q)
     error = tangent @ geometry.back.T  # truth minus estimate
-    back = conjugate(geometry.back @ geometry.q)
-    rotation = -2.0 * compose(back, error)[..., :3]
+    rotation = -2.0 * compose(conjugate(geometry.back @ geometry.q), error)[..., :3]
     return rotation[0].T, rotation[1].T
 
 

@@ -90,12 +90,11 @@ def algebra(dimension: int, degree: int) -> Algebra:
         for j, second in enumerate(monomials[: up_to[degree - len(first)]])
     ]
     left, right, target = np.array(triples).T
-    means = np.array([_normal_moment(monomial) for monomial in monomials])
     return Algebra(
         dimension=dimension,
         degree=degree,
         degrees=degrees,
-        means=means,
+        means=np.array([_normal_moment(monomial) for monomial in monomials]),
         left=left,
         right=right,
         target=target,
@@ -357,8 +356,7 @@ def _skewed(
 ) -> Algebra:
     # the tables with (T1) as the means of degree three
     S = joint_third("third_moments", third_moments, count)
-    inverse = np.linalg.pinv(root, rcond=_NO_NOISE)
-    whitened = _turned(inverse, S)
+    whitened = _turned(np.linalg.pinv(root, rcond=_NO_NOISE), S)
     widest = np.linalg.norm(root, axis=1).max(initial=0.0)
     if not np.abs(_turned(root, whitened) - S).max() <= _OUTSIDE * widest**3:
         msg = (

@@ -103,7 +103,6 @@ def _line_integral(norm: float, linear: Array, square: Array, step: float) -> fl
     curvature = np.sum(linear**2 / scale**3 + 2.0 * (square / scale) ** 2) + z**-2
     t = np.arange(0.0, _LAST, step)
     width = curvature**-0.5
-    y = width * np.sinh(t)
-    integrand = np.exp(exponent(z + 1j * y)).real * np.cosh(t)
+    integrand = np.exp(exponent(z + 1j * (width * np.sinh(t)))).real * np.cosh(t)
     integrand[0] *= 0.5
     return integrand.sum() * step * width / np.pi

@@ -20,7 +20,7 @@ import numpy as np
 
 from simval.account import Account, Line, Quantity, Reply, Told, Values
 from simval.arguments import whole_number
-from simval.arrays import Array, ReadOnly, physical_array, positive_number
+from simval.arrays import Array, ReadOnly, outer, physical_array, positive_number
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.sensor import AccelerometerModel, forms
@@ -164,7 +164,7 @@ def plan_thermal(
     every = np.tile(u, (len(degrees), 1))
     # the temperature in units of half its range, so that all columns are of one size
     rows = thermal_jacobian(every, (degrees[which] - reference) / half)
-    each = rows[:, :, None] * rows[:, None]
+    each = outer(rows, rows)
     told, taken = np.zeros((size, size)), []
     for _ in range(rests):
         taken.append(best_addition(told, each))

@@ -21,6 +21,7 @@ from simval.arrays import (
     Array,
     ReadOnly,
     finite_array,
+    outer,
     physical_array,
 )
 from simval.errors import GeometryError, InputError, SimvalError
@@ -277,7 +278,7 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
 
 def tangent_projector(v: Float[Array, "... n"]) -> Float[Array, "... n n"]:
     r"""Projector :math:`\Pi = I - v v^T` onto the plane tangent to the sphere at v."""
-    return np.eye(v.shape[-1]) - v[..., :, None] * v[..., None, :]
+    return np.eye(v.shape[-1]) - outer(v, v)
 
 
 def normalized_noise(
@@ -579,8 +580,7 @@ def turned_geometry(
     b1, b2 = np.matvec(matrix, r1), np.matvec(matrix, r2)
     d1, s1, d2 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2, (b2 - turn * r2) / 2
     q_turned = np.vecmat(q, back)  # orthogonal: the inverse is the transpose
-    scalar = np.vecdot(s1, d2)[..., None]
-    qbar = np.concatenate([cross(d1, d2), scalar], axis=-1)
+    qbar = np.concatenate([cross(d1, d2), np.vecdot(s1, d2)[..., None]], axis=-1)
     return TwoVectorGeometry(
         q=q_turned * np.sign(np.vecdot(q_turned, qbar))[..., None],
         d1=d1,

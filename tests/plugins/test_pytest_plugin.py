@@ -78,7 +78,7 @@ def test_a_failure_is_the_gates_message_alone(judged):
         ("estimator", "lambda *v: 1 / 0, **QUICK", "ZeroDivisionError: division"),
         ("estimator", "lambda *v: exit(3), **QUICK", "raised SystemExit: 3"),
         ("estimator", "davenport", "cannot be used as it is declared"),
-        ("estimator", "davenport, **QUICK, tolerance=1", "`tolerance` is no key"),
+        ("estimator", "davenport, **QUICK, tolerance=1", "`tolerance` is not a key"),
         # pytest's own option says that
         ("estimator", "davenport, **QUICK, update_baseline='x'", "multiple values"),
         ("calibrator", "lambda poses, g: (np.eye(3), np.zeros(3))", "the worst is"),

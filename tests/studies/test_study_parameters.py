@@ -127,7 +127,7 @@ CRASHED = [  # values with which a cell crashed, and what of it is said now
     ("attitude_order", {"geometry": 390}, "measured"),
     ("end_to_end", {"poses": 105, "attitudes": 13, "average": 16, "trials": 3,
       "accelerometer_noise_std": 1e-9, "magnetometer_noise_std": 1e-5},
-     "cannot be measured: a covariance has no inverse"),
+     "cannot be measured: a covariance cannot be inverted"),
     ("calibration", FEW | {"hold_time": 0.002}, "measured"),
     ("calibration", FEW | {"noise_std": 1e-9, "hold_time": 0.01}, "measured"),
     ("calibrator", {"algorithm": "simval:norm", "noise_std": 1.0, "trials": 32},

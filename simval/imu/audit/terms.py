@@ -28,6 +28,7 @@ from simval.arrays import Array
 from simval.geometry import cross
 from simval.imu.audit.regression import AuditTerm, TermRows
 from simval.imu.audit.simulated import LEAST, Declared, SimulatedImu
+from simval.imu.statics.detector import runs_of
 from simval.path import Kinematics, PosePath, in_body, in_world
 from simval.shapes import Bool, Float
 
@@ -184,8 +185,7 @@ def _roughness(piece: Piece) -> Bool[NDArray[np.bool_], " n"]:
 
 
 def _runs(good: Bool[NDArray[np.bool_], " n"]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-    return [*zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)]
+    return [(first, stop) for first, stop in runs_of(good).tolist()]
 
 
 class SensorTerms:

@@ -569,7 +569,7 @@ def _read(path: Path, form: Model | None = None) -> _File:
         seen=_seen(data),
         g=Gravity(fit.g, fit.g_std),
         doubts=tuple(
-            f"its error bars are not honest: {one_line(str(each.get('words')))}"
+            f"its error bars cannot be trusted: {one_line(str(each.get('words')))}"
             for each in (checks if isinstance(checks, list) else ())
             if isinstance(each, dict) and each.get("holds") is False
         ),

@@ -404,8 +404,9 @@ def _noise_message(poses: Float[Array, "n 3"]) -> str:
     values = np.linalg.eigvals(np.linalg.solve(noise[0], scatter[0])).real
     enough = np.sqrt(max(np.sort(values)[1], 0.0)) * scale[0]  # s_2 of eq. (N1)
     message = (
-        f"noise of {enough:.2g} raw units in each reading is enough to let a second "
-        "quadric through them, so shape cannot be told from noise"
+        f"noise of {enough:.2g} raw units in each reading is enough to let "
+        "a second quadric through them, so their shape does not stand out "
+        "of the noise"
     )
     dof = len(poses) - PARAMETERS
     if dof > FEW:
@@ -448,7 +449,7 @@ def _geometry_message(
     rank = int(np.linalg.matrix_rank(columns, rtol=_RANK_TOLERANCE))
     return (
         f"the {len(poses)} poses ({what}) have rank {min(rank, 8)} of "
-        f"{PARAMETERS}, so some parameters cannot be told apart; {advice}"
+        f"{PARAMETERS}, so they do not determine all parameters; {advice}"
     )
 
 

@@ -91,7 +91,10 @@ class SourceError(NamedTuple):
         degrees = f"{np.degrees(self.size):.2g}°"
         if self.cause == "hold":
             return f"the body turns unseen by {degrees} in the holds"
-        return f"rotations of the {self.cause} are off by {degrees} beside its noise"
+        return (
+            f"rotations of the {self.cause} are off by {degrees} in addition to "
+            "its noise"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

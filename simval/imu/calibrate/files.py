@@ -422,8 +422,8 @@ def at_temperature(
         )
         if rows and off > EDGE * (own.high - own.low) and not extrapolate:
             msg = (
-                f"{where}; no reading bears it out there: calibrate over a wider "
-                "range, cut the log, or take the polynomial for it (--extrapolate)"
+                f"{where}; no reading there supports it: calibrate over a wider "
+                "range, cut the log, or extrapolate the polynomial (--extrapolate)"
             )
             raise RefusedError(msg)
         if rows:

@@ -221,7 +221,7 @@ def fit(
         start = physical_array("start", start, (3, 3))
     missing = [name for name in named if name not in there]
     if missing or not named:
-        lacks = f"no {missing[0]}" if missing else "no sensor beside the accelerometer"
+        lacks = f"no {missing[0]}" if missing else "no sensor besides the accelerometer"
         msg = (
             f"the recording has {lacks}; give its readings to `Recording`, or use "
             "`calibrate` for an accelerometer alone"

@@ -169,7 +169,7 @@ class RestTemperatures(ReadOnly):
         """Say why no term can be told with so many degrees of freedom, or nothing."""
         if self.span < self.least_span:
             return (
-                f"{self.least_span:g} K or more between rests are needed to tell an "
+                f"{self.least_span:g} K or more between rests are needed to see an "
                 "effect"
             )
         if left - 3 < LEAST_LEFT:

@@ -330,7 +330,7 @@ def choose_thermal(
         if found.rival is not None:
             what = f"{found.rival.sentence(means.time)}, which explains it as well"
         elif last is None:
-            what = "the effect cannot be told from the parameters"
+            what = "the poses cannot separate the effect from the parameters"
         reason, tested = not_modelled(what), last is not None and not found.rival
         return ThermalChoice(rests, reason=reason, tested=tested)
     dof = len(poses) - last.theta.size

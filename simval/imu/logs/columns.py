@@ -454,8 +454,8 @@ def several(table: Table, picked: Sequence[Column]) -> tuple[Remark, ...]:
         ]
         if own and not taken.issuperset(roles):
             words = (
-                f"the {name}: {listed(own, _SHOWN)} are not surely those beside the "
-                "accelerometer"
+                f"the {name}: it is not sure that {listed(own, _SHOWN)} belong to "
+                "the accelerometer"
             )
             do = f"Choose by --columns with {', '.join(roles)}."
             said.append(Remark("not taken", words, do, {"sensor": name}))
@@ -626,7 +626,9 @@ def _free_of_gravity(table: Table, stems: Collection[str]) -> str:
     if _FREE_FILES.fullmatch(file.stem) and not ros:
         said = f"by its name, {file.name} is gravity alone or leaves it out"
     if names and _DEVICE_MOTION.issubset(names):
-        said = "acceleration beside gravity and rotationRate is Apple's, which has none"
+        said = (
+            "acceleration next to gravity and rotationRate is Apple's, which has none"
+        )
     return said and f"{said}; a calibration needs what an accelerometer reads at rest"
 
 
@@ -638,17 +640,17 @@ def _not_bare(table: Table, count: int) -> str:
     file = PurePath(table.path).name.lower()
     if count and pose:
         return (
-            f"x, y, z beside {pose[0]!r} may be a position, and no others are known "
-            "names of an accelerometer's axes"
+            f"x, y, z next to {pose[0]!r} may be a position, and no others are "
+            "known names of an accelerometer's axes"
         )
     others = kinds & {"gyro", "mag", "no gravity", "force"}
     if count == 1 and not others and not _OTHER_FILES.search(file):
         if "seconds_elapsed" not in names or "total" in file or "uncal" in file:
             return ""
         return (
-            "x, y, z beside seconds_elapsed are Sensor Logger's, whose Accelerometer "
-            "leaves gravity out; a calibration needs readings with gravity, those of "
-            "its TotalAcceleration.csv"
+            "x, y, z next to seconds_elapsed are Sensor Logger's, whose "
+            "Accelerometer leaves gravity out; a calibration needs readings "
+            "with gravity, those of its TotalAcceleration.csv"
         )
     if triples(table, "no gravity"):
         return (

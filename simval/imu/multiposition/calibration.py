@@ -314,7 +314,7 @@ def _course(log: Log, loss: str) -> Course:
         beside = f"the loss {loss}; terms are fitted by least squares: leave it out"
     else:
         return TIME
-    msg = f"`drift` is asked for beside {beside}"
+    msg = f"`drift` cannot be used together with {beside}"
     raise InputError(msg)
 
 

@@ -358,10 +358,11 @@ def undecided(case: JudgedRests) -> str | None:
     if case.dof >= _TELLING or case.judgement.answer == "sound":
         return None
     return (
-        f"the residuals of {len(case.means)} rests are {case.judgement.misfit:.1f} "
-        "times what their noise explains, and so few rests do not tell a hold that "
-        "moved from a sensor that changed, which would make every number wrong; "
-        f"record at least {PARAMETERS + _TELLING} rests, better 20"
+        f"the residuals of {len(case.means)} rests are "
+        f"{case.judgement.misfit:.1f} times what their noise explains. So "
+        "few rests cannot show whether a hold moved or the sensor changed, "
+        "which would make every number wrong; record at least "
+        f"{PARAMETERS + _TELLING} rests, better 20"
     )
 
 

@@ -183,7 +183,7 @@ def _judged(sensor: str, unit: str, given: bool, size: float, seen: Seen) -> Sca
     if not seen.sure and 1.0 / DOUBTFUL < factor < DOUBTFUL:
         bias = abs(1.0 / factor - 1.0)
         words = f"{begin}{seen.words}: another range, or a bias of {bias:.2g} g"
-        do = "Record rests on all sides to tell."
+        do = "Record rests on all sides to find out."
         said = Remark("doubtful", words, do, {"factor": factor, "bias_g": bias})
         return stated._replace(kind="doubtful", factor=factor, said=(said,))
     name, true, why = _reason(sensor, size, seen)

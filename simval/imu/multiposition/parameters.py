@@ -395,7 +395,7 @@ def _noise(log: Log, matrices: _Values, notes: _Notes) -> dict[str, str]:
                 more.append(f"an axis that is not seen, below {most.bound:.4g}")
             values[name] = f"{_flow(most.value)}  # {'; '.join(filter(None, more))}"
             continue
-        seen = "not told"
+        seen = "not known"
         if most.bound is not None:
             seen = f"not seen, below {most.bound:.4g} {unit}"
         words = "the project needs a value: measure a longer rest, or state the data "
@@ -466,7 +466,7 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     form = whole.accelerometer.model
     comments = [
         f"Calibration of {Path(log.path).name}, axes of the {form} form",
-        f"honest bars: {honest(conditions(whole))[1]}",
+        f"can the error bars be trusted: {honest(conditions(whole))[1]}",
         f"gravity: {gravity_words(whole.accelerometer)}",
         *notes,
     ]

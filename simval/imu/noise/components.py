@@ -52,7 +52,7 @@ LETTERS: Final = {
     "N": Letter("white noise", "raw/sqrt(Hz)", 1),
     "B": Letter("flicker", "raw"),
     "K": Letter("random walk", "raw/sqrt(s)", -1),
-    "q": Letter("Markov noise beside a walk", "raw/sqrt(s)", -1),
+    "q": Letter("Markov noise with a walk", "raw/sqrt(s)", -1),
     "T": Letter("correlation time", "s"),
     "Q": Letter("rounding", "raw s", 2),
     "R": Letter("ramp", "raw/s", -2),

@@ -443,7 +443,7 @@ def words_of(
         size = np.sqrt(0.5 * tau * chosen.found.values[0, stated["M"]] * unit)
         walk = "K is its driving noise, and no random walk follows the averages"
         if "q" in seen:
-            walk = "q is its driving noise, and K is of a random walk beside it"
+            walk = "q is its driving noise, and K is of the random walk with it"
         said.append(
             f"the bias is Markov noise of {size:.3g} raw units (1 sd), its correlation "
             f"time {tau / rate_hz:.3g} s ({low:.3g} to "
@@ -451,15 +451,15 @@ def words_of(
         )
     elif "M" in kinds and "K" in seen:
         said.append(
-            "K is of a random walk, or of Markov noise with a correlation time above "
-            f"{low:.3g} s: this signal does not tell them apart"
+            "K is of a random walk, or of Markov noise with a correlation time "
+            f"above {low:.3g} s: in this signal they look the same"
         )
     if slow is not None and not slow.seen:
         *others, last = (name for kind, name in NAMES.items() if kind in kinds)
         said.append(
-            f"slow noise is there; its kind cannot be told: {', '.join(others)} or "
-            f"{last}, each below its bound; for a filter there is an equivalent random "
-            "walk, and a longer rest tells the kind"
+            f"there is slow noise, but its kind is unclear: {', '.join(others)} "
+            f"or {last}, each below its bound; for a filter there is an "
+            "equivalent random walk, and a longer rest shows the kind"
         )
     if slow is not None and slow.by_axes:
         said.append("the axes of the sensor together leave out other kinds of noise")

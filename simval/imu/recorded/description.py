@@ -174,12 +174,12 @@ def _witness_words(evidence: RowEvidence) -> str:
     if np.isnan(seen.centre):
         few = f" ({seen.windows} windows of {WINDOW:g} s, and {FEWEST} are needed)"
         return (
-            f"too little turns for the {seen.by} to tell"
-            f"{few if seen.windows < FEWEST else ''}"
+            f"it turns too little for the {seen.by} to show "
+            f"it{few if seen.windows < FEWEST else ''}"
         )
     if not seen.left < MOST_LEFT:
         share = f"{100.0 * min(seen.left, 1.0):.0f} % of what it shows"
-        return f"the {seen.by} cannot tell, for {share} is real acceleration"
+        return f"the {seen.by} cannot show it, because {share} is real acceleration"
     size = measured(1e3 * seen.centre, 1e3 * seen.bar)
     each = (replace(evidence.rows, kind=kind) for kind in ROW_KINDS)
     # (a difference that is rounding is 0)

@@ -28,9 +28,10 @@ SELF_CHECK = (
     "it."
 )
 FREE: Final = (
-    "Without a magnetometer heading is free: its error is the drift since the first "
-    "row with truth. The bound (Cramér-Rao) is the least possible of six axes by the "
-    "settings used, were the specific force gravity's alone."
+    "Without a magnetometer heading is free: its error is the drift "
+    "since the first row with truth. The bound (Cramér-Rao) is the "
+    "least possible of six axes with these settings, if the specific "
+    "force were gravity alone."
 )
 LOOSE: Final = 2.0
 """Times what is stated from which an interval that holds it is too wide to say so."""

@@ -92,7 +92,7 @@ def test_bad_rows_are_named_and_lose_nothing_else():
     r2[4321] = 0.0
     b2[100] *= 9.8
     r2[2500], b2[2500] = -r1[2500], -b1[2500]
-    with pytest.raises(InputError, match=r"4 of 5000 .* sample \(7,\)"):
+    with pytest.raises(InputError, match=r"4 of 5 000 .* sample \(7,\)"):
         two_vector_quaternion(b1, b2, r1, r2)
     estimate = estimate_attitude(b1, b2, r1, r2)
     expected = {

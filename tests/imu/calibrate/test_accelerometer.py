@@ -122,7 +122,7 @@ def test_how_a_fit_ends_is_its_status():
     poses = noisy(4, 20, 0.3, seed=12)
     few = calibrate(poses, G, max_iterations=1)
     assert list(few.status) == ["max iterations"] * 4
-    with pytest.raises(ConvergenceError, match=r"4 trial\(s\) did not .*trial 0"):
+    with pytest.raises(ConvergenceError, match=r"4 trials did not .*trial 0"):
         few.require_converged()
     # parameters that are zero do not upset the stop rule
     ideal = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))

@@ -376,5 +376,5 @@ def test_eight_poses_are_fitted_refused_or_warned_of():
     assert kinds(single)[0] == "few poses"
     np.testing.assert_array_equal(single.parameters, found.parameters[one])
     alike = np.flatnonzero(found.status == "refused: two calibrations fit alike")[0]
-    with pytest.raises(RefusedError, match="add poses, twelve or more"):
+    with pytest.raises(RefusedError, match="add poses; twelve or more"):
         compass_of(body[alike], iron[alike])

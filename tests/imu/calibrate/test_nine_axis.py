@@ -108,7 +108,7 @@ def test_a_recording_that_cannot_be_is_refused(given, change, words):
         ({"estimator": "generalised"}, "`estimator` is for a gyroscope alone"),
         ({"known": 3, "sensors": ["gyroscope"]}, "`known` is for a magnetometer alone"),
         ({"sensors": ["barometer"]}, "`sensors`"),
-        ({"sensors": []}, "no sensor beside the accelerometer"),
+        ({"sensors": []}, "no sensor besides the accelerometer"),
     ],
 )
 def test_a_fit_that_cannot_be_is_refused(given, how, words):
@@ -168,7 +168,7 @@ ONE_AXIS = {
         ({"dip": 1.5705}, InputError, "`dip`"),
         ({"field_std": 0.0}, InputError, "noise above 0"),
         ({"attitudes": np.eye(4)}, InputError, "a rotation between any two rests"),
-        (ONE_AXIS, GeometryError, "of the 34 parameters open"),
+        (ONE_AXIS, GeometryError, "of the 34 parameters"),
     ],
 )
 def test_theory_refuses_what_it_cannot_tell(change, error, words):

@@ -315,7 +315,7 @@ def test_nine_poses_need_shape_or_a_known_noise():
     rng = np.random.default_rng(5)
     thin = normalize(fibonacci_sphere(9) * [1.0, 1.0, 0.1])
     thin = G * thin + 1e-4 * rng.standard_normal((9, 3))
-    with pytest.raises(GeometryError, match=r"0 degree.s. of freedom .* `noise_std`"):
+    with pytest.raises(GeometryError, match=r"0 degrees of freedom .* `noise_std`"):
         calibrate(thin, G)
     assert calibrate(thin, G, noise_std=1e-4).status == "converged"
 

@@ -233,7 +233,7 @@ def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
     named = ", ".join(map(repr, gyros))
     (remark,) = log.unclear
     assert remark.words == (
-        f"the gyroscope: {named} are not surely those beside the accelerometer"
+        f"the gyroscope: it is not sure that {named} belong to the accelerometer"
     )
     assert remark.do == "Choose by --columns with wx, wy, wz."
     assert read_log(path, columns="t,ax,ay,az,-,-,-,wx,wy,wz").unclear == ()
@@ -241,7 +241,7 @@ def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
     log = read_log(path)
     assert log.gyro is None
     assert log.unclear[0].words.startswith(
-        "the gyroscope: 'gyr_x', 'gyr_y' are not surely those beside the"
+        "the gyroscope: it is not sure that 'gyr_x', 'gyr_y' belong"
     )
 
 

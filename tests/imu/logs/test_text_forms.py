@@ -336,4 +336,4 @@ def test_a_gyroscope_of_another_sensor_is_not_taken(tmp_path):
     assert read_log(path, instance="imu1").gyro is not None
     log = read_log(path, instance="imu0")
     assert log.gyro is None
-    assert "are not surely those beside the accelerometer" in log.unclear[0].words
+    assert "belong to the accelerometer" in log.unclear[0].words

@@ -150,7 +150,7 @@ FEW = [  # rests, a fault in them, and what is said of it
     (18, "bias_jump", "the bias of .* changed between the rest"),
     (18, "gain_change", "the scale of .* changed between the rest"),
     (12, "bias_jump", "changed between the rest"),
-    (11, "bias_jump", "so few rests do not tell"),
+    (11, "bias_jump", "So few rests cannot show"),
 ]
 
 

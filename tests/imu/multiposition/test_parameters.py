@@ -207,7 +207,7 @@ def test_every_file_says_of_each_sensor_what_it_leaves_out(made):
         comments = [x for x in path.read_text().splitlines() if x.startswith("#")]
         for sensor in ("accelerometer", "gyroscope", "magnetometer"):
             assert any(sensor in x for x in comments), (name, sensor)
-        assert any("honest bars" in x for x in comments)
+        assert any("can the error bars be trusted" in x for x in comments)
 
 
 @pytest.mark.ci

@@ -193,7 +193,7 @@ def test_slow_noise_of_an_unknown_kind_has_a_walk_for_filters():
     for axis in axes:
         assert not seen_in(axis) & {"B", "K", "R"}
         assert axis.slow.seen == ()
-        assert any("its kind cannot be told" in said for said in axis.statements)
+        assert any("its kind is unclear" in said for said in axis.statements)
         given = next(c for c in axis.given if c.kind == "K")
         assert given is axis.slow.walk
         assert given.low < 1e-5 < given.high

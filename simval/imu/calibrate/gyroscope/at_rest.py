@@ -156,7 +156,7 @@ def choose_sensitivity(
     values = values if lead == 1 else np.linalg.svd(X / np.abs(X).max(axis=0))[1]
     if n < 5 + lead or values[-1] < _COPLANAR * values[0]:
         why = f"{n} rests" if n < 5 + lead else "rests whose directions lie in a plane"
-        return _none(f"{why} do not tell it")
+        return _none(f"{why} cannot show it")
     found = effect(rests, X[:, :lead], X[:, lead:], walk, drift)
     if not (found.kept if asked is None else asked):
         return _none(found.reason)

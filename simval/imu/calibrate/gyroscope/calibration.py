@@ -96,7 +96,10 @@ def require_told(
         fault = f"have condition {found.condition:.3g}, {CONDITION_LIMIT:g} at most"
     else:
         fault = f"leave a relative error of {sd:.2g}, {SD_LIMIT:g} at most"
-    msg = f"the {len(rows) // 2} rotations {fault}: they do not tell {missing(found)}"
+    msg = (
+        f"the {len(rows) // 2} rotations {fault}: they do not determine "
+        f"{missing(found)}"
+    )
     do = (
         f"from the last rest turn by {np.degrees(angle):.0f} degrees about the axis "
         f"({named}) of the sensor and rest again, and so on with other axes"

@@ -54,7 +54,7 @@ STATUS_NAMES = np.array(
         "refused: rank below 22",
         "refused: field along the vertical",
         "refused: error bars too wide",
-        "refused: the dip does not tell the hemisphere",
+        "refused: the dip does not show the hemisphere",
         "refused: two calibrations fit alike",
     ]
 )
@@ -202,8 +202,8 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
     noise = max(float(each.std.max()) for each in fit.problem.sensors)
     if code == CompassCode.HEMISPHERE:
         msg = (
-            f"the dip is {_degrees(sine)} degrees, too near 0 for its error bars to "
-            "tell the hemisphere"
+            f"the dip is {_degrees(sine)} degrees, too near 0 to show the "
+            "hemisphere with these error bars"
         )
         do = (
             "leave `hemisphere` out: the axes of the magnetometer are then taken as "
@@ -212,19 +212,19 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
         raise RefusedError(msg, do)
     if code == CompassCode.AMBIGUOUS:
         msg = (
-            f"two different calibrations fit the {len(body)} poses alike; so few poses "
-            "do not tell which is right"
+            f"two different calibrations fit the {len(body)} poses equally "
+            "well, and so few poses cannot show which is right"
         )
-        do = "add poses, twelve or more are always enough when turned to all sides"
+        do = "add poses; twelve or more are always enough when turned to all sides"
         raise GeometryError(msg, do, poses=len(body))
     said = _geometry_words(body, field)
     wide = not half_width <= WIDEST
     if code == CompassCode.VERTICAL and not wide and not said:
         msg = (
-            f"the field is along the vertical (dip {_degrees(sine)} degrees): it does "
-            "not tell a heading, and the three equations of a pose are only two; "
-            f"nearer than {np.degrees(np.arcsin(LEAST_COSINE)):.1f} degrees, or five "
-            "error bars, nothing is fitted"
+            f"the field is along the vertical (dip {_degrees(sine)} degrees), "
+            "so it shows no heading, and the three equations of a pose are "
+            f"only two; nearer than {np.degrees(np.arcsin(LEAST_COSINE)):.1f} "
+            "degrees, or five error bars, nothing is fitted"
         )
         do = (
             "go to another place, look for iron below the sensor, and check that the "
@@ -236,8 +236,8 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
         said = "the poses are too few or too much alike for their noise; "
     if code == CompassCode.VERTICAL:
         said += (
-            f"the dip comes out as {_degrees(sine)} degrees, and a field along the "
-            "vertical tells no heading; "
+            f"the dip comes out as {_degrees(sine)} degrees, and a field along "
+            "the vertical shows no heading;"
         )
     if wide and rank == PARAMETERS:
         factor = float(seen_over_stated(fit.chi_square, fit.dof)[0])
