@@ -19,7 +19,6 @@ the order of :math:`(x/2\pi)^{k-1}`: what the degree changes bounds the error of
 higher one.
 """
 
-from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -27,7 +26,13 @@ import scipy
 
 from simval.arrays import Array, physical_array, shaped_array
 from simval.errors import InputError
-from simval.geometry import cross, unit_quaternions
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    conjugate,
+    cross,
+    unit_quaternions,
+)
 from simval.shapes import Float
 
 DEGREE: Final = 7
@@ -74,7 +79,7 @@ class Kinematics(NamedTuple):
         Array
             Body axes, m/s^2, (n, 3).
         """
-        own = in_body(self.attitude, self.acceleration - gravity)
+        own = np.vecmat(self.acceleration - gravity, self.attitude)
         turning = cross(self.rate, cross(self.rate, lever))
         return own + cross(self.angular_acceleration, lever) + turning
 
@@ -111,17 +116,19 @@ class PosePath:
         attitude = unit_quaternions("attitude", attitude)
         if len(time) < LEAST or not np.all(np.diff(time) > 0.0):
             msg = (
-                f"{len(time)} poses whose times "
-                f"{'do not ' if len(time) >= LEAST else ''}increase; give {LEAST} "
-                "or more, in order of time"
+                f"{len(time)} poses, or not in order of time, are no path; give "
+                f"{LEAST} or more, in order"
             )
             raise InputError(msg)
-        self.start, self.step = float(time[0]), float(np.median(np.diff(time)))
-        self.stop = float(time[-1])
+        self.start, self.stop = float(time[0]), float(time[-1])
+        self.step = float(np.median(np.diff(time)))
         signs = np.sign(np.vecdot(attitude[1:], attitude[:-1]))
         turned = attitude * np.cumprod(np.append(1.0, signs))[:, None]
-        self._time, self._poses = time, np.hstack([position, turned])
-        self._degree = degree
+        self.poses = np.hstack([position, turned])
+        # in steps from the start: powers of a step stay near 1
+        self._spline = scipy.interpolate.make_interp_spline(
+            (time - self.start) / self.step, self.poses, degree
+        )
 
     def at(self, time: Float[Array, " n"]) -> Kinematics:
         """Position, attitude and their derivatives.
@@ -136,48 +143,13 @@ class PosePath:
         Kinematics
             By (W1) and (W2).
         """
-        x = self._steps(time)
+        x = (time - self.start) / self.step
         zero, one, two = (self._spline(x, k) / self.step**k for k in range(3))
         size = np.linalg.norm(zero[:, 3:], axis=1, keepdims=True)
         u, by, by2 = (each[:, 3:] / size for each in (zero, one, two))
-        rate = 2.0 * _vector(u, by)
-        turning = 2.0 * _vector(u, by2) - 2.0 * np.vecdot(u, by)[:, None] * rate
-        return Kinematics(
-            zero[:, :3], one[:, :3], two[:, :3], to_world(u), rate, turning, u
-        )
-
-    def _steps(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
-        # in steps from the start: powers of a step stay near 1
-        return np.asarray((time - self.start) / self.step)
-
-    @cached_property
-    def _spline(self) -> "scipy.interpolate.BSpline":
-        return scipy.interpolate.make_interp_spline(
-            self._steps(self._time), self._poses, self._degree
-        )
-
-
-def to_world(q: Float[Array, "n 4"]) -> Float[Array, "n 3 3"]:
-    """Matrices from body to world of quaternions world to body."""
-    x, y, z, s = q.T
-    rows = [
-        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - s * z), 2.0 * (x * z + s * y),
-        2.0 * (x * y + s * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - s * x),
-        2.0 * (x * z - s * y), 2.0 * (y * z + s * x), 1.0 - 2.0 * (x * x + y * y),
-    ]  # fmt: skip
-    return np.stack(rows, axis=-1).reshape(-1, 3, 3)
-
-
-def in_body(R: Float[Array, "n 3 3"], v: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Vectors of the world in body axes."""
-    return np.einsum("nij,ni->nj", R, v)
-
-
-def in_world(R: Float[Array, "n 3 3"], v: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Vectors of the body in world axes."""
-    return np.einsum("nij,nj->ni", R, v)
-
-
-def _vector(a: Float[Array, "n 4"], b: Float[Array, "n 4"]) -> Float[Array, "n 3"]:
-    # of the product of the conjugate of a with b
-    return a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - cross(a[:, :3], b[:, :3])
+        back = conjugate(u)
+        rate = 2.0 * compose(back, by)[:, :3]
+        turning = 2.0 * compose(back, by2)[:, :3]
+        turning -= 2.0 * np.vecdot(u, by)[:, None] * rate
+        R = attitude_matrix(back)
+        return Kinematics(zero[:, :3], one[:, :3], two[:, :3], R, rate, turning, u)

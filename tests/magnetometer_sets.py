@@ -92,7 +92,7 @@ def squares(error, covariance):
 
 def compass_of(body, iron, **given):
     """Calibrate from the means of both sensors, by the noise of these sets."""
-    how = {k: given.pop(k) for k in ("known", "max_iterations") if k in given}
+    how = {k: given.pop(k) for k in ("known",) if k in given}
     stated = {"pose_std": BODY_STD, "field_std": IRON_STD, "g": G, "field": FIELD}
     recording = Recording(poses=body, fields=iron, **stated | given)
     return fit(recording, **how).magnetometer

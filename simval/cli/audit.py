@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
@@ -15,25 +16,25 @@ from simval.cli.options import (
     From,
     Instance,
     Number,
+    Numbers,
     OutFile,
     Positive,
     Rate,
     Until,
     Whole,
     declared,
-    numbers,
     refuse_if,
     stated,
     write,
 )
 from simval.cli.terminal import say, show
-from simval.errors import CrashedPluginError, InputError
+from simval.errors import CrashedPluginError
 from simval.vocabulary import ALPHA, PoseTurns
 
 if TYPE_CHECKING:
     from simval.arrays import Array
     from simval.imu.audit import Declared, SimulatedImu
-    from simval.shapes import Float
+    from simval.imu.logs import Log
 
 
 @declared("audit")
@@ -55,30 +56,30 @@ def command(
         PoseTurns, "What a quaternion of the poses turns."
     ] = "body-to-world",
     lever: Annotated[
-        str | None,
+        tuple[float, float, float] | None,
         "Place of the sensor in the body, m.  [default: fitted]",
-        dict(metavar="X,Y,Z"),
+        Numbers("X,Y,Z"),
     ] = None,
     mount: Annotated[
-        str | None,
+        tuple[float, float, float, float] | None,
         "Quaternion of the sensor in the body.  [default: fitted]",
-        dict(metavar="X,Y,Z,W"),
+        Numbers("X,Y,Z,W"),
     ] = None,
     gravity: Annotated[
-        str | None,
+        tuple[float, float, float] | None,
         "Acceleration of gravity in the world, m/s^2.  [default: 0,0,-9.8, its size "
         "within that on the Earth]",
-        dict(metavar="X,Y,Z"),
+        Numbers("X,Y,Z"),
     ] = None,
     accelerometer_noise: Annotated[
-        str | None,
+        tuple[float, float, float] | None,
         "Noise that is claimed: m/s^2 per root Hz, m/s^2, m/s^2 per root s.",
-        dict(metavar="N,B,K"),
+        Numbers("N,B,K"),
     ] = None,
     gyro_noise: Annotated[
-        str | None,
+        tuple[float, float, float] | None,
         "The gyroscope's: rad/s per root Hz, rad/s, rad/s per root s.",
-        dict(metavar="N,B,K"),
+        Numbers("N,B,K"),
     ] = None,
     only: Annotated[
         str | None,
@@ -121,6 +122,7 @@ def command(
     3 the motion does not tell, 4 FILE.py crashed.
     """
     from simval.imu.audit import audit
+    from simval.imu.logs import read_log
 
     by_file = recording.suffix == ".py"
     for name in ("seconds", "seed", "time_limit", "out"):
@@ -135,15 +137,16 @@ def command(
             say([f"error: {error}"], err=True)
             return 4
     else:
-        imu = _read(
-            recording, truth, truth_columns, truth_turns,
-            columns, rate, instance, start, stop,
-        )  # fmt: skip
+        log = read_log(
+            recording, rate, columns, instance, start=start, stop=stop, alone=["gyro"]
+        )
+        imu = _read(log, truth, truth_columns, truth_turns, instance)
         given = {}
+    said = {"lever": lever, "mount": mount, "gravity": gravity}
     noise = {"accelerometer": accelerometer_noise, "gyroscope": gyro_noise}
-    said = _declared(given, lever, mount, gravity, noise)
+    declared_imu = _declared(given | _stated(said), _stated(noise))
     asked = [] if only is None else [each.strip() for each in only.split(",")]
-    found = audit(imu, said, alpha=alpha, only=asked)
+    found = audit(imu, declared_imu, alpha=alpha, only=asked)
     if out is not None:
         write(out, _text(imu))
     if junit is not None:
@@ -170,91 +173,64 @@ def _asked(
 
     made = simulated_by(str(file), Request(rate, seconds, seed), time_limit)
     imu = SimulatedImu(
-        time=made["time"], position=made["position"], attitude=made["attitude"],
-        gyroscope=made.get("gyroscope"), accelerometer=made.get("accelerometer"),
-        source=file.name,
+        time=made.pop("time"), position=made.pop("position"), source=file.name,
+        attitude=made.pop("attitude"), gyroscope=made.pop("gyroscope", None),
+        accelerometer=made.pop("accelerometer", None),
     )  # fmt: skip
     return imu, made
 
 
-def _read(
-    path: Path,
-    truth: str | None,
-    truth_columns: str | None,
-    turns: PoseTurns,
-    columns: str | None,
-    rate: float | None,
-    instance: str | None,
-    start: str | None,
-    stop: str | None,
-) -> SimulatedImu:
-    from simval.imu.audit.recorded_poses import simulated
-    from simval.imu.logs import read_log, read_positions, read_truth
+def _stated(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
-    log = read_log(
-        path, rate, columns, instance, start=start, stop=stop, alone=["gyro"]
-    )
+
+def _declared(said: dict[str, Any], noise: dict[str, Any]) -> Declared:
+    import numpy as np
+
+    from simval.geometry import attitude_matrix, normalize
+    from simval.imu.audit import Declared
+
+    q = said.get("mount")
+    mount = None if q is None else attitude_matrix(normalize(np.array(q)))
+    return Declared(**{**said, "mount": mount}, noise=noise)
+
+
+def _read(
+    log: Log, truth: str | None, columns: str | None, turns: PoseTurns,
+    instance: str | None,
+) -> SimulatedImu:  # fmt: skip
+    # a log with the poses in its own columns, or in a file
+    from simval.imu.audit.recorded_poses import poses_of, simulated
+    from simval.imu.logs import read_positions, read_truth
+
     if truth is not None and Path(truth).exists():
-        poses = read_truth(truth, columns=truth_columns)
-        position = read_positions(truth, columns=truth_columns)
+        poses = read_truth(truth, columns=columns)
+        position = read_positions(truth, columns=columns)
     else:
         poses = read_truth(
             log.path, stem="" if truth in (None, "log") else str(truth),
-            columns=truth_columns, clock=log.time, instance=instance, rows=log.of_file,
+            columns=columns, clock=log.time, instance=instance, rows=log.of_file,
         )  # fmt: skip
-        position = read_positions(log.path, columns=truth_columns, instance=instance)
+        position = read_positions(log.path, columns=columns, instance=instance)
         if log.of_file is not None and len(log.of_file) == len(position):
             position = position[log.of_file]
-    return simulated(log, poses, position, turns, path.name)
-
-
-def _declared(
-    given: dict[str, Array],
-    lever: str | None,
-    mount: str | None,
-    gravity: str | None,
-    noise: dict[str, str | None],
-) -> Declared:
-    import numpy as np
-
-    from simval.geometry import normalize
-    from simval.imu.audit import Declared
-    from simval.path import to_world
-
-    def vector(name: str, words: str | None, size: int) -> Float[Array, " n"] | None:
-        own = given.get(name)
-        if words is None:
-            return own
-        found = numbers(f"--{name}", words, f"{size} of them")
-        if len(found) != size:
-            msg = f"`--{name}` is {words}; give {size} numbers with commas between them"
-            raise InputError(msg)
-        return np.array(found)
-
-    q = vector("mount", mount, 4)
-    claimed = {
-        name: tuple(own.tolist())
-        for name, words in noise.items()
-        if words and (own := vector(f"{name}-noise", words, 3)) is not None
-    }
-    return Declared(
-        lever=vector("lever", lever, 3), gravity=vector("gravity", gravity, 3),
-        mount=None if q is None else to_world(normalize(q)[None])[0].T, noise=claimed,
-    )  # fmt: skip
+    return simulated(log, poses_of(poses, position, turns), Path(log.path).name)
 
 
 def _text(imu: SimulatedImu) -> str:
     # as text, every digit
     import numpy as np
 
-    heads = [
-        "t [s]", *(f"a{a} [m/s^2]" for a in "xyz"), *(f"w{a} [rad/s]" for a in "xyz"),
-        *(f"p{a} [m]" for a in "xyz"), *(f"q{a}" for a in "xyzs"),
-    ]  # fmt: skip
-    none = np.full((len(imu.time), 3), np.nan)
-    readings = [none if x is None else x for x in (imu.accelerometer, imu.gyroscope)]
-    rows = np.column_stack(
-        [imu.time + imu.origin, *readings, imu.position, imu.attitude]
-    )
-    lines = [",".join("" if x != x else f"{x:.17g}" for x in row) for row in rows]
-    return "\n".join([",".join(heads), *lines, ""])
+    named = (("a", "m/s^2", imu.accelerometer), ("w", "rad/s", imu.gyroscope),
+             ("p", "m", imu.position))  # fmt: skip
+    heads, table = ["t [s]"], [imu.time + imu.origin]
+    for name, unit, rows in named:
+        if rows is not None:
+            heads += [f"{name}{axis} [{unit}]" for axis in "xyz"]
+            table += [*rows.T]
+    text = StringIO()
+    np.savetxt(
+        text, np.column_stack([*table, imu.attitude]), "%.17g", ",", comments="",
+        header=",".join([*heads, "qx", "qy", "qz", "qs"]),
+    )  # fmt: skip
+    return text.getvalue()

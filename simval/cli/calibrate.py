@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from simval.account import Account, Fact
     from simval.imu.calibrate.gravity import Gravity
     from simval.imu.logs import Log
-    from simval.imu.logs.names import Kind
+    from simval.imu.logs.names import Measurand
     from simval.imu.multiposition import LogCalibration
     from simval.imu.multiposition.means import MeansCalibration
     from simval.imu.recorded.rows import RowEvidence
@@ -191,7 +191,7 @@ def command(
     out_of, labels = rests_of(leave_out), labels_of(label)
     gravity = gravity_of(g, g_std, latitude, height)
     record = tuple(record_facts(labels, gravity))
-    alone: tuple[Kind, ...] = ("gyro", "mag") if means else ("mag",)
+    alone: tuple[Measurand, ...] = ("gyro", "mag") if means else ("mag",)
     log = read_log(
         path, rate, columns, instance, start=start, stop=stop,
         alone=alone, means=means,

@@ -149,6 +149,22 @@ class _Positive(click.types.FloatParamType):
         return number
 
 
+class Numbers(click.ParamType[tuple[float, ...]]):
+    """Finite numbers between commas, as many as its name has: X,Y,Z."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Convert, and refuse any other count."""
+        found = tuple(numbers(param.opts[0] if param else "", value, self.name))
+        if len(found) != self.name.count(",") + 1:
+            self.fail(f"{value} is not {self.name}, with commas between.", param, ctx)
+        return found
+
+
 class _Gravity(click.types.FloatParamType):
     """Gravity in m/s^2, with a warning if it occurs nowhere on Earth."""
 

@@ -2,7 +2,6 @@
 
 from simval import __version__
 from simval.imu.audit import Audit
-from simval.imu.audit.words import TITLES, UNITS
 from simval.report.section import made, template
 from simval.report.table import Column, Table
 
@@ -19,11 +18,11 @@ def audit_page(found: Audit) -> str:
             Column("unit"), Column("answer"),
         ),
         rows=[
-            (sensor.name, TITLES[name], axis if len(item.value) > 1 else "", (v, sd),
-             allowed, UNITS.get(name, ""),
+            (sensor.name, item.term.title, axis if len(item.value) > 1 else "", (v, sd),
+             allowed, item.term.unit,
              "wrong" if item.wrong else "right" if ok else "not judged")
             for sensor in found.sensors
-            for name, item in sensor.items.items()
+            for item in sensor.items.values()
             for axis, v, sd, allowed, ok in zip(
                 "xyzuvwrs", item.value.tolist(), item.sd.tolist(),
                 item.allowed.tolist(), item.judged.tolist(), strict=False,

@@ -25,6 +25,7 @@ from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.shapes import Float
 
+SOUND = (-1.96, "95 of 100 sound poses are between"), (1.96, "")
 PROBES = 4000
 """Directions that the largest gap is looked for in: 3 degrees apart."""
 
@@ -103,7 +104,7 @@ def _signals(log: Log, result: LogCalibration) -> Drawing:
 
 def _lines(log: Log, rows: Float[Array, "n 3"]) -> list[Series]:
     return [
-        signal(log.time, rows[:, i], COLOURS[i], axis) for i, axis in enumerate("xyz")
+        signal(log.time, rows[:, i], axis, COLOURS[i]) for i, axis in enumerate("xyz")
     ]
 
 
@@ -129,9 +130,8 @@ def _lengths(log: Log, result: LogCalibration) -> Drawing:
             "after."
         ),
         caption=(
-            "Length of the mean of each pose, before and after the calibration, each "
-            f"on a scale of its own; the line is {fit.g:g} m/s². Before, one scale is "
-            "taken out, the same on each axis."
+            "Length of the mean of each pose, before and after the calibration. "
+            "Before, one scale is taken out, the same on each axis."
         ),
         panels=[
             linear(
@@ -139,7 +139,7 @@ def _lengths(log: Log, result: LogCalibration) -> Drawing:
                 "static interval, from 0",
                 "length, m/s²",
                 numbered(each, result.diagnosis.outliers, "outlier"),
-                references=((fit.g, ""),),
+                references=((fit.g, f"gravity, {fit.g:g} m/s²"),),
             )
             for name, each in lengths.items()
         ],
@@ -157,7 +157,7 @@ def _residuals(result: LogCalibration) -> Drawing:
                 "temperature of the rest, °C",
                 "residual, standard deviations",
                 numbered(*marked, seen.mean),
-                references=((-1.96, ""), (1.96, "")),
+                references=SOUND,
             )
         ]
     return Drawing(
@@ -166,7 +166,7 @@ def _residuals(result: LogCalibration) -> Drawing:
         finding=farthest(diagnosis.standardized, diagnosis.wrong),
         caption=(
             "How far each pose is from the ellipsoid of all of them, in standard "
-            "deviations; of 100 sound poses 95 are between the lines."
+            "deviations."
         ),
         panels=[
             linear(
@@ -174,7 +174,7 @@ def _residuals(result: LogCalibration) -> Drawing:
                 "static interval, from 0",
                 "residual, standard deviations",
                 numbered(*marked),
-                references=((-1.96, ""), (1.96, "")),
+                references=SOUND,
             ),
             *warm,
         ],

@@ -119,7 +119,7 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
         name=name, rows=[what], by=predictor, along=axis, value="value", log_x=None,
         log_y=False, theory=predictor or "prediction", caption="",
     )  # fmt: skip
-    panels, _ = panels_of(figure, {f"{spelled(study)}, {what}": members})
+    panels = [*panels_of(figure, {f"{spelled(study)}, {what}": members})]
     if verdict.row.standard_error > 0.0:
         panels.append(_distances(members, axis, verdict.row))
     against = f" against {predictor}" if predictor else ""

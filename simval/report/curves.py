@@ -278,7 +278,9 @@ def bar_width(curves: Iterable[Curve | None]) -> float:
 
 def spans(factor: float, values: Sequence[Array]) -> bool:
     """True if values are positive and span more than a factor: for a logarithm."""
-    every = np.concatenate(values)
+    every = np.concatenate([np.empty(0), *values])
+    if not every.size:
+        return False
     return bool(np.all(every > 0.0) and every.max() > factor * every.min())
 
 
@@ -373,9 +375,8 @@ ROOM = 1.1
 """Axis over the farthest end of a band."""
 LEAST = 1e-3
 """Least half of an axis: what is nearer to 1 is drawn on it."""
-HEIGHT = 0.75
-MOST_ROWS = 12
-"""Places of several curves that are rows; of more they are those of an axis."""
+HEIGHT, STRIP = 0.35, 0.2
+"""Of the axes of ratios of one curve, and of each of several, in that of values."""
 MEASURED_OVER_PREDICTED = "measured / predicted"
 
 
@@ -413,41 +414,37 @@ def kept(c: Curve, good: Bool[Array, " n"]) -> Curve:
     return replace(c, **changes)
 
 
-def ratio_panel(
-    title: str,
-    x_label: str,
-    measured: Sequence[Curve],
+def ratio_strips(
+    panel: Panel,
+    theory: str,
+    measured: Mapping[int, Curve],
     z: float,
     lines: Sequence[Series] = (),
-    *,
-    log_x: bool = True,
-) -> Panel | DotPanel | None:
-    """Panel of the ratios that can be seen with bands of z errors; None if none can.
+) -> list[Panel]:
+    """A strip below a panel for each curve, by its place, whose ratios can be seen.
 
-    The lines are other predictions over the one that the points are divided by; they
-    do not widen the axis. Several curves have rows, one for each place, without lines.
+    Their axes are alike, with bands of z errors. The lines are other predictions over
+    the one that the points of a single curve are divided by; they do not widen them.
     """
-    shown = [(i, seen(ratio(c), z)) for i, c in enumerate(measured)]
-    shown = [(i, c) for i, c in shown if len(c.x)]
-    if not shown:
-        return None
-    several = len(measured) > 1
-    points = [c.points(z, i, None if several else "") for i, c in shown]
-    places = np.unique(np.concatenate([s.x for s in points]))
-    if several and len(places) <= MOST_ROWS:  # or one would cover the other
-        rows = [replace(s, x=1.0 * np.searchsorted(places, s.x)) for s in points]
-        return _rows(title, [f"{x:g}" for x in places], rows, x_label)
-    return Panel(
-        title=title,
-        x_label=x_label,
-        y_label=MEASURED_OVER_PREDICTED,
-        series=(*lines, *points),
-        log_x=log_x,
-        log_y=False,
-        references=((1.0, ""),),
-        limits=limits([s.y for s in points], [s.band for s in points]),
-        height=HEIGHT,
-    )
+    points = [
+        over.points(z, place)
+        for place, c in measured.items()
+        if len((over := seen(ratio(c), z)).x)
+    ]
+    alone = len(points) == 1
+    return [
+        replace(
+            panel,
+            title=f"{panel.title}: {s.label or 'measured'} over {theory}",
+            y_label="" if i else f"measured over {theory}",
+            series=(*(lines if alone else ()), s),
+            log_y=False,
+            references=((1.0, ""),),
+            limits=limits([s.y for s in points], [s.band for s in points]),
+            height=HEIGHT if alone else STRIP,
+        )
+        for i, s in enumerate(points)
+    ]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
@@ -473,20 +470,12 @@ def ratio_bars(
     shown = [(i, c) for i, c in shown if len(c.x)]
     if not shown:
         return None
-    return _rows(title, names, [c.points(z, i) for i, c in shown])
-
-
-def _rows(
-    title: str, names: Sequence[str], points: Sequence[Series], y_label: str = ""
-) -> DotPanel:
-    """Ratios in named rows, whose places are the x of the points."""
     return DotPanel(
         title=title,
         x_label=MEASURED_OVER_PREDICTED,
         names=names,
-        series=[upright(s) for s in points],
+        series=[upright(c.points(z, i)) for i, c in shown],
         reference=(1.0, "theory"),
-        y_label=y_label,
     )
 
 

@@ -21,8 +21,8 @@ from simval.imu.recorded.description import FilteredLog
 from simval.imu.recorded.errors import WINDOW
 from simval.imu.recorded.evaluation import WithTruth, from_its_start
 from simval.report.formatting import slug
-from simval.report.log_page import LogPage, linear, signal
-from simval.report.panels import COLOURS, GREY, INK, Drawing, Series
+from simval.report.log_page import LogPage, linear, signal, stated
+from simval.report.panels import COLOURS, INK, Drawing, Series
 from simval.report.section import made
 from simval.shapes import Bool, Float
 from simval.spelling import measured
@@ -35,6 +35,7 @@ CHI2 = {2: (0.0506, 7.3778), 3: (0.2158, 9.3484)}
 """Ends of 95 % of a chi-square, that of one row, by degrees of freedom: of inclination
 alone where heading is free."""
 
+STATED = f"{BAND:g} standard deviations that it states"
 NAMES = ("total", "heading", "inclination")
 ANGLES = ("roll", "pitch", "yaw")
 STEEP = 80.0
@@ -99,7 +100,7 @@ def _beside(known: Mapping[str, WithTruth]) -> Iterator[Drawing]:
         panels=[
             linear(word, "time, s", f"{word} error, degrees", [
                 signal(truth.errors.time, np.degrees(getattr(truth.errors, word)),
-                       COLOURS[k % len(COLOURS)], name)
+                       name, COLOURS[k % len(COLOURS)])
                 for k, (name, truth) in enumerate(known.items())
             ])
             for word in NAMES
@@ -125,18 +126,15 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
                 "squared error over covariance",
                 "time, s",
                 "NEES of a row",
-                [signal(errors.time, truth.squares, COLOURS[3])],
+                [signal(errors.time, truth.squares, "error")],
                 log_y=True,
                 references=_expected(2 if truth.free else 3),
                 spans=rests,
             )
         )
-    caption = f"Errors of {name} over time; rests are shaded."
+    caption = f"Errors of {name} over time."
     if truth.band is not None:
-        caption += (
-            f" Grey: {BAND:g} standard deviations of the filter's own covariance; "
-            "in the last panel 95 % of the rows are between the lines if it is true."
-        )
+        caption += " What it states is by its own covariance."
     return Drawing(
         name=f"errors-{slug(name)}",
         asked=f"When is the filter {name} wrong?",
@@ -150,7 +148,11 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
 def _expected(freedom: int) -> tuple[tuple[float, str], ...]:
     low, high = CHI2[freedom]
     mean = f"{freedom}, its mean if the covariance is true"
-    return (low, ""), (float(freedom), mean), (high, "")
+    return (
+        (low, "95 % of the rows are between if it is true"),
+        (freedom, mean),
+        (high, ""),
+    )
 
 
 def _farthest(truth: WithTruth) -> str:
@@ -172,12 +174,11 @@ def _lines(truth: WithTruth, k: int) -> list[Series]:
     """An error over time and the band that is stated; that of heading has a sign."""
     time = truth.errors.time
     error: Float[Array, " k"] = getattr(truth.errors, NAMES[k])
-    lines = [signal(time, np.degrees(error), COLOURS[k], "error")]
+    lines = [signal(time, np.degrees(error), "error")]
     if truth.band is not None:
         band = BAND * np.degrees(truth.band[:, k])
-        lines.append(signal(time, band, GREY, f"{BAND:g} standard deviations"))
-        if NAMES[k] == "heading":
-            lines.append(signal(time, -band, GREY))
+        low = -band if NAMES[k] == "heading" else 0.0
+        lines.insert(0, stated(time, low, band, STATED))
     return lines
 
 
@@ -213,7 +214,7 @@ def _attitude(whole: FilteredLog, each: Evaluation) -> Drawing:
     else:
         angles = np.unwrap(angles, period=360.0, axis=0)
     lines = [
-        [signal(time, angles[:, k], COLOURS[k], run.name)]
+        [signal(time, angles[:, k], run.name)]
         + (
             [Series(label="truth", x=time, y=truth[:, k], colour=INK, line="--")]
             if len(truth)
@@ -247,22 +248,19 @@ def _bias(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
     known = P is not None and P.shape[-1] >= 6
     panels = []
     for k, axis in enumerate("xyz"):
-        lines = [signal(time, bias[:, k], COLOURS[k], axis)]
+        lines = [signal(time, bias[:, k], "bias")]
         if P is not None and known:
             half = (
                 BAND * DEGREE.factor * np.sqrt(np.maximum(P[0, :, 3 + k, 3 + k], 0.0))
             )
-            label = f"{BAND:g} standard deviations"
-            lines.append(signal(time, bias[:, k] + half, GREY, label))
-            lines.append(signal(time, bias[:, k] - half, GREY))
+            lines.insert(0, stated(time, bias[:, k] - half, bias[:, k] + half, STATED))
         panels.append(linear(axis, "time, s", f"bias of {axis}, °/s", lines))
     ends = ", ".join(f"{axis} {b:.3g}" for axis, b in zip("xyz", bias[-1], strict=True))
-    band = f" Grey: {BAND:g} standard deviations by its covariance." if known else ""
     yield Drawing(
         name=f"bias-{slug(name)}",
         asked=f"Which bias has {name} for the gyroscope?",
         finding=f"At the end {ends} °/s.",
-        caption=f"Bias of the gyroscope by {name}, the same unit in each panel.{band}",
+        caption=f"Bias of the gyroscope by {name}.",
         panels=panels,
         columns=1,
     )
@@ -286,19 +284,19 @@ def innovations(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
         ),
         caption=(
             f"Innovations of {name} over the standard deviation that it states, in its "
-            f"order; lines at {BAND:g}."
+            "order."
         ),
         panels=[
             linear(
                 f"innovation {k + 1}",
                 "time, s",
                 "over its standard deviation",
-                [signal(time, shares[:, k], COLOURS[k % 3])],
-                references=((-BAND, ""), (BAND, "")),
+                [signal(time, shares[:, k], "innovation")],
+                references=((-BAND, f"{WITHIN} % should be between"), (BAND, "")),
             )
             for k in range(shares.shape[1])
         ],
-        columns=2,
+        columns=1,
     )
 
 

@@ -7,6 +7,7 @@ is about all rows of its families, drawn or not.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ from simval.report.curves import (
     grouped,
     position,
     ratio_bars,
-    ratio_panel,
+    ratio_strips,
     read,
     spans,
 )
@@ -83,10 +84,6 @@ BARS = (
 Cells = Sequence[CellResult]
 
 
-Panels = tuple[list[AnyPanel], list[AnyPanel]]
-"""What was measured, and measured over predicted."""
-
-
 class Point(NamedTuple):
     """A row of a cell, and its place in a figure."""
 
@@ -108,10 +105,13 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
     drawings: list[Drawing] = []
     for label, own in groups.items() if apart else [("", cells)]:
         alone = {"": own} if apart else groups
-        parts = [*_panels(figure, alone)]
-        for each in figure.beside:
-            parts += _panels(each, first(groups_of(*settled(each, own)))[0])
-        panels = _in_order([part for part in parts if part])
+        parts = [_panels(figure, alone)] + [
+            _panels(each, first(groups_of(*settled(each, own)))[0])
+            for each in figure.beside
+        ]
+        if len({len(part) for part in parts}) == 1:  # of the same thing side by side
+            parts = [[*row] for row in zip(*parts, strict=True)]
+        panels = [*chain(*parts)]
         if not panels:
             continue
         marks = BARS if figure.along == "" else POINTS if figure.compared else ""
@@ -132,17 +132,13 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
     return drawings
 
 
-def panels_of(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
-    """Panels of cells under titles, their own groups as lines: values, and ratios."""
-    values: list[AnyPanel] = []
-    ratios: list[AnyPanel] = []
+def panels_of(figure: Figure, groups: Mapping[str, Cells]) -> Iterator[AnyPanel]:
+    """Panels of cells under titles, their own groups as lines."""
     for title, cells in groups.items():
         own, cells = settled(figure, cells)
         for part in batches([*groups_of(own, cells).items()], MAX_GROUPS):
             titled = replace(own, panels=partial(_constant, title))
-            more = _panels(titled, dict(part))
-            values, ratios = [*values, *more[0]], [*ratios, *more[1]]
-    return values, ratios
+            yield from _panels(titled, dict(part))
 
 
 def _constant(title: str, row: Row) -> str:
@@ -154,14 +150,6 @@ def batches(items: Sequence[Any], most: int) -> Iterator[Sequence[Any]]:
     count = -(-len(items) // most)
     size = -(-len(items) // max(count, 1))
     return (items[i * size : (i + 1) * size] for i in range(count))
-
-
-def _in_order(parts: Sequence[Sequence[AnyPanel]]) -> list[AnyPanel]:
-    """Panels part by part, or those of the same thing side by side in three columns."""
-    alike = len(parts) == 3 and len({len(part) for part in parts}) == 1
-    if alike:
-        parts = [*zip(*parts, strict=True)]
-    return [panel for part in parts for panel in part]
 
 
 def _said(figure: Figure, drawing: Drawing, cells: Cells) -> Drawing:
@@ -257,7 +245,7 @@ def with_unit(name: str, unit: Unit) -> str:
     return f"{name}, {unit.name}" if unit.name else name
 
 
-def _panels(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
+def _panels(figure: Figure, groups: Mapping[str, Cells]) -> list[AnyPanel]:
     """Panels of a figure."""
     if figure.along == "":
         return _bars(figure, groups)
@@ -278,7 +266,7 @@ def _panels(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
     return _lines(figure, points)
 
 
-def _bars(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
+def _bars(figure: Figure, groups: Mapping[str, Cells]) -> list[AnyPanel]:
     """A panel of bars for each group of cells, and the ratios of all of them."""
     panels: list[BarPanel] = []
     curves = []
@@ -297,9 +285,9 @@ def _bars(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
         places = [Point("", label, float(i), *each) for i, each in enumerate(found)]
         curves.append(_curve(label, places))
     if not figure.ratio or any(p.names != panels[0].names for p in panels):
-        return [*panels], []
+        return [*panels]
     ratios = ratio_bars("over theory", panels[0].names, curves, bar_width(curves))
-    return [*panels], [ratios] if ratios else []
+    return [*panels, *filter(None, [ratios])]
 
 
 def _curve(label: str, points: Sequence[Point]) -> Curve:
@@ -322,13 +310,18 @@ def curves_of(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]
     }
 
 
-def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
+def _lines(figure: Figure, points: Sequence[Point]) -> list[AnyPanel]:
     """Points with predictions over the axis, and below them the ratio of both."""
     every = curves_of(figure, points)
     names = list(dict.fromkeys(point.line for point in points))
-    z = bar_width(c for curves in every.values() for c in curves)
-    values: list[AnyPanel] = []
-    ratios: list[AnyPanel] = []
+    whole = [c for curves in every.values() for c in curves]
+    z = bar_width(whole)
+    log_x, log_y = figure.log_x, figure.log_y
+    if log_x is None:
+        log_x = spans(DECADE, [c.x for c in whole])
+    if log_y is None:
+        log_y = spans(DECADE, [c.value for c in whole])
+    panels: list[AnyPanel] = []
     for title, curves in every.items():
         own = [p for p in points if p.panel == title]
         row, study = own[0].row, own[0].cell.study
@@ -339,32 +332,24 @@ def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
                 known = any(s.label == other.label for other in series)
                 series.append(replace(s, label="") if known else s)
         series += [*_resolved(figure, own), *_floor(figure, own)]
-        axis = figure.axis or axis_words(study, str(figure.along))
-        title = title or spelled(study)
-        log_x, log_y = figure.log_x, figure.log_y
-        if log_x is None:
-            log_x = spans(DECADE, [c.x for c in curves])
-        if log_y is None:
-            log_y = spans(DECADE, [c.value for c in curves])
         value = figure.value or row.statistic.family.words
         units = {_unit(figure, p.row) for p in own}
-        values.append(
-            Panel(
-                title=title,
-                x_label=axis,
-                y_label=value if len(units) > 1 else with_unit(value, *units),
-                series=series,
-                log_x=log_x,
-                log_y=log_y,
-                references=((figure.level, ""),) if figure.level is not None else (),
-            )
+        panel = Panel(
+            title=title or spelled(study),
+            x_label=figure.axis or axis_words(study, str(figure.along)),
+            y_label=value if len(units) > 1 else with_unit(value, *units),
+            series=series,
+            log_x=log_x,
+            log_y=log_y,
+            references=((figure.level, ""),) if figure.level is not None else (),
         )
         if figure.compared and figure.ratio:
             over = [s for c in curves for s in _over(c, theories)]
-            words = f"{title} over {figure.theory}"
-            below = ratio_panel(words, axis, curves, z, over, log_x=log_x)
-            ratios += [] if below is None else [below]
-    return values, ratios
+            placed = {names.index(c.label): c for c in curves}
+            strips = ratio_strips(panel, figure.theory, placed, z, over)
+            panel = replace(panel, strips=strips)
+        panels.append(panel)
+    return panels
 
 
 def _series(figure: Figure, c: Curve, place: int, z: float) -> list[Series]:
@@ -372,7 +357,7 @@ def _series(figure: Figure, c: Curve, place: int, z: float) -> list[Series]:
     if figure.compared:
         predicted = c.predicted("-", "theory")
         if len(predicted.x) == 1:  # no line
-            predicted = replace(predicted, line="", marker="D")
+            predicted = replace(predicted, line="", marker="_")
         measured = c.points(z, place)
         known = figure.theories or not np.isfinite(c.prediction).any()
         return [measured] if known else [predicted, measured]

@@ -3,11 +3,12 @@
 The figure is one image for a screen reader. Over it lie its points, each an invisible
 disc with a title, which every browser shows where the pointer rests. The page's script
 makes a box of text of them, lets the keyboard reach them and makes buttons of the
-entries of a legend; without it nothing is lost but these. Of more than `MANY` points a
-series has neither.
+entries of a legend, which know their series by the place of a label among those of the
+figure; without it nothing is lost but these. Of more than `MANY` points a series has
+neither.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
 from simval.arrays import Array
@@ -17,19 +18,28 @@ DISC = 5.0
 """Radius within which a point is met, points: somewhat more than its mark."""
 
 
-def names_of(panel: AnyPanel, number: int) -> list[str]:
+def labels_of(every: Iterable[AnyPanel]) -> list[str]:
+    """Entries of the legends of all panels of a figure."""
+    return list(dict.fromkeys(s.label for p in every for s in _series(p) if s.label))
+
+
+def names_of(panel: AnyPanel, labels: Sequence[str]) -> list[str]:
     """Attribute of each series: the entries of the legend that show and hide it."""
-    return [_attribute(keys, number) for keys in _keys(panel)]
+    series = _series(panel)
+    keys = [
+        sorted(
+            {labels.index(o.label) for o in series if o.label and _holds(o, s, series)}
+        )
+        for s in series
+    ]
+    return [f'data-keys="{" ".join(map(str, own))}"' for own in keys]
 
 
-def entries_of(panel: AnyPanel, number: int) -> list[tuple[Series, str]]:
-    """Series that look alike are one entry of a legend; with its attribute."""
-    labels, series = _labels(panel), _series(panel)
-    alike = {(s.label, s.colour, s.line, s.marker): s for s in reversed(series)}
+def entries_of(panel: AnyPanel, labels: Sequence[str]) -> list[tuple[Series, str]]:
+    """Series that look alike are one entry of a legend; with its key."""
+    alike = {(s.label, s.colour, s.line, s.marker): s for s in reversed(_series(panel))}
     return [
-        (s, f'data-key="{labels.index(s.label)}-{number}"')
-        for s in reversed(alike.values())
-        if s.label
+        (s, str(labels.index(s.label))) for s in reversed(alike.values()) if s.label
     ]
 
 
@@ -37,14 +47,15 @@ def discs(
     panel: AnyPanel,
     drawn: Sequence[Series],
     places: Sequence[Array],
-    number: int,
+    labels: Sequence[str],
     box: tuple[float, float, float, float],
 ) -> str:
     """Discs with titles over the points of a panel that are within its axes."""
-    keys = _keys(panel) or [[] for _ in drawn]  # those of bars are not switched
+    # those of bars are not switched
+    names = names_of(panel, labels) or ['data-keys=""' for _ in drawn]
     left, top, right, bottom = box
     groups = []
-    for series, own, points in zip(drawn, keys, places, strict=True):
+    for series, name, points in zip(drawn, names, places, strict=True):
         if not len(series.notes) == len(series.x) <= MANY:
             continue
         inside = "".join(
@@ -56,7 +67,7 @@ def discs(
         if inside:
             label = " ".join(f"{panel.title}, {series.label}".strip(", ").split())
             groups.append(
-                f'<g class="points" {_attribute(own, number)} role="group" '
+                f'<g class="points" {name} role="group" '
                 f'aria-label="{escape(label)}">\n{inside}</g>\n'
             )
     return "".join(groups)
@@ -70,26 +81,6 @@ def silent(drawing: Drawing) -> bool:
 
 def _series(panel: AnyPanel) -> Sequence[Series]:
     return panel.series if isinstance(panel, Panel | DotPanel) else ()
-
-
-def _labels(panel: AnyPanel) -> list[str]:
-    """Entries of the legend of a panel."""
-    return list(dict.fromkeys(s.label for s in _series(panel) if s.label))
-
-
-def _attribute(keys: Sequence[int], number: int) -> str:
-    return f'data-keys="{" ".join(f"{key}-{number}" for key in keys)}"'
-
-
-def _keys(panel: AnyPanel) -> list[list[int]]:
-    """Entries of the legend that show and hide each series."""
-    series, labels = _series(panel), _labels(panel)
-    return [
-        sorted(
-            {labels.index(o.label) for o in series if o.label and _holds(o, s, series)}
-        )
-        for s in series
-    ]
 
 
 def _holds(entry: Series, s: Series, series: Sequence[Series]) -> bool:

@@ -19,7 +19,7 @@ from simval.arrays import Array
 from simval.files import digest
 from simval.imu.logs import Log
 from simval.report.formatting import begun, slug
-from simval.report.panels import COLOURS, Panel, Series
+from simval.report.panels import AREA, COLOURS, Panel, Series
 from simval.report.section import Section, made, template
 from simval.report.table import Column, Table
 from simval.shapes import Float
@@ -163,10 +163,24 @@ def linear(
 
 
 def signal(
-    time: Float[Array, " n"], values: Float[Array, " n"], colour: str, label: str = ""
+    time: Float[Array, " n"],
+    values: Float[Array, " n"],
+    label: str = "",
+    colour: str = COLOURS[0],
 ) -> Series:
     """A signal over time as a line."""
     return Series(label=label, x=time, y=values, colour=colour, line="-")
+
+
+def stated(
+    time: Float[Array, " n"],
+    low: Float[Array, " n"] | float,
+    high: Float[Array, " n"],
+    label: str,
+) -> Series:
+    """What is stated of a signal over time, as an area."""
+    middle, half = (high + low) / 2.0, (high - low) / 2.0
+    return Series(label=label, x=time, y=middle, band=half, line=AREA)
 
 
 def numbered(
@@ -179,7 +193,7 @@ def numbered(
     order = np.arange(float(len(values)))
     odd = np.isin(order, marked)
     places = order if places is None else places
-    series = [Series(label="", x=places[~odd], y=values[~odd])]
+    series = [Series(label="as the others", x=places[~odd], y=values[~odd])]
     if odd.any():
         x, y = places[odd], values[odd]
         series.append(Series(label=label, x=x, y=y, colour=COLOURS[1], marker="D"))

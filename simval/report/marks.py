@@ -3,10 +3,11 @@
 `framed` turns a panel of any kind into a `Frame`, whose ink is made when its axes have
 their place on a sheet (`Scale`). Lengths are points, from the upper left corner.
 
-Curves of more than `MANY` points are drawn with fewer, which leaves the same dots on a
-screen: a line keeps its ends and extremes in every half point along the axis, bars in
-the same point of the axis are joined where they overlap, and of marks within two points
-of each other one is drawn.
+Long curves are drawn with fewer points, which leaves the same dots on a screen: a line
+keeps its ends and extremes in every `FINE` part of the axis, less those that lie within
+`FLAT` of the axes' height of the line through their neighbours; bars in the same point
+of the axis are joined where they overlap, and of marks within two points of each other
+one is drawn.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,6 +23,7 @@ from simval.report.interactivity import entries_of, names_of
 from simval.report.panels import (
     GREY,
     INK,
+    LONG_CURVE,
     MANY,
     SHARE,
     SIMULATED,
@@ -38,7 +40,7 @@ from simval.shapes import Float
 
 SIZE, TITLE, SMALL = 10.0, 11.0, 8.5
 """Of labels, of titles, of words on a panel and of a legend, points."""
-MARK, CAP = 5.0, 2.0  # across a mark; half of a bar's end
+MARK, CAP = 4.4, 2.0  # across a mark; half of a bar's end
 SPREAD = 2.0 / 3.0  # of a row, over which the dots of a name are spread
 MARGIN = 0.05  # of an axis beyond its data
 WIDEST = 10.0
@@ -47,6 +49,10 @@ FAINT, FULL = 0.12, 0.6
 """Opacity of the least and of the whole share: words on it keep a contrast of 5."""
 RIM = 1.7  # half of a map of directions
 MOST_TICKS = 8
+MINOR = 60
+"""Ticks without names of a logarithmic axis, at most."""
+SHARP, DIGITS = 4, 12
+FINE, FLAT, TINY = 500, 0.003, 1e-12
 
 MANTISSAS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
 """Ticks within a decade of a logarithmic axis, the fewest first."""
@@ -56,9 +62,11 @@ GAP = 0.15
 """Least distance of two labels along an axis, as a share of it: five digits."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 DASHES = {"-": "", "--": "5.2 2.2", "-.": "9 2.2 1.4 2.2", ":": "1.4 2.3"}
-LONG, SHORT = "4.8 2.4", "1.2 1.2"  # of references
+LONG, SHORT = "4.8 2.4", "1.4 3"  # of references
 SAMPLE = 17.0  # of a line in a legend
 SAMPLE_LINE = np.array([[0.0, 0.0], [SAMPLE, 0.0]])
+SAMPLE_BOX = np.array([[0.0, -3.0], [SAMPLE, -3.0], [SAMPLE, 3.0], [0.0, 3.0]])
+REST: Any = {"colour": GREY, "opacity": 0.25, "filled": True}  # what is shaded
 FAR = 1e4  # from a sheet
 
 # ---- ink
@@ -116,7 +124,7 @@ class Entry:
 
     label: str
     ink: Sequence[Lines | Marks]  # from 0 to `SAMPLE` across, at height 0
-    attributes: str = ""
+    key: str = ""  # of the series that it shows and hides
 
 
 # ---- axes
@@ -165,6 +173,9 @@ class Frame:
     y: Axis
     draw: Callable[[Scale, Scale], list[Group]]
     points: Sequence[Series] = ()  # where they are drawn
+    # numbers that are drawn, each with what it is: across, up, half of its bar
+    data: Sequence[tuple[str, Sequence[Sequence[Any]]]] = ()
+    upward: str = ""  # what the second of them is, where it is not what the axis says
     entries: Sequence[Entry] = ()
     slant: float = 0.0  # of the names below, degrees
     bare: bool = False  # without axes, and as high as wide
@@ -196,7 +207,7 @@ def ticks_of(axis: Axis, room: float, *, along: bool) -> Sequence[tuple[float, s
         ticks = even_ticks(axis.low, axis.high, most, whole=axis.whole)
         found = list(zip(ticks, decimals(ticks), strict=True))
         longest = max((len(name) for _, name in found), default=0)
-        need = (0.62 * longest + 1.0) * SIZE if along else 2.6 * SIZE
+        need = (0.62 * longest + 1.0) * SIZE if along else 2.0 * SIZE
         if need * len(found) <= room:
             break
     return found
@@ -250,6 +261,16 @@ def log_ticks(low: float, high: float, places: Float[Array, " n"]) -> list[float
     return even_ticks(low, high, 4)
 
 
+def minor_ticks(axis: Axis) -> list[float]:
+    """Ticks without names of a logarithmic axis: 2 to 9 in each of a few decades."""
+    if not (axis.log and 0.0 < axis.low < axis.high < np.inf):
+        return []
+    first, last = np.floor(np.log10([axis.low, axis.high])).astype(int).tolist()
+    every = [m * 10.0**power for power in range(first, last + 1) for m in range(2, 10)]
+    inside = [tick for tick in every if axis.low <= tick <= axis.high]
+    return inside if len(inside) <= MINOR else []
+
+
 def spelled(x: float) -> str:
     """Spell a number of an axis: 0.1, 10⁻⁵, 3×10⁻⁵."""
     if 1e-3 <= x < 1e5:
@@ -264,21 +285,23 @@ def spelled(x: float) -> str:
 
 
 @singledispatch
-def framed(panel: object, place: int) -> Frame:
-    """The axes of a panel and its ink; its place tells its legend from others'."""
+def framed(panel: object, labels: Sequence[str]) -> Frame:
+    """The axes of a panel and its ink; `labels` are all those of its figure."""
     raise TypeError(type(panel))
 
 
 @framed.register
-def _(panel: Panel, place: int) -> Frame:
-    names, panel = names_of(panel, place), _drawable(panel)
-    series, dashes = panel.series, [LONG] * len(panel.references)
-    if any(label for _, label in panel.references):  # or they look alike
-        dashes[1::2] = [SHORT] * len(dashes[1::2])
+def _(panel: Panel, labels: Sequence[str]) -> Frame:
+    names, panel = names_of(panel, labels), _drawable(panel)
+    across, up = _across(panel, panel.series), _up(panel)
+    series = [_fewer(s, across, up) for s in panel.series]
+    labelled = [label for _, label in panel.references if label]
+    dashes = [SHORT if label in labelled[1:] else LONG for _, label in panel.references]
+    limits = [s for s in series if not _whole(s, panel.log_y).all()][:1]
 
     def draw(x: Scale, y: Scale) -> list[Group]:
         spans = [_box(x(span[0]), x(span[1]), y.start, y.stop) for span in panel.spans]
-        ink = [Lines(spans, GREY, opacity=0.25, filled=True)]
+        ink = [Lines(spans, **REST)]
         for (height, _), dash in zip(panel.references, dashes, strict=True):
             path = np.array([[x.start, y(height)], [x.stop, y(height)]])
             ink.append(Lines([path], GREY, 1.2, dash))
@@ -293,19 +316,27 @@ def _(panel: Panel, place: int) -> Frame:
         band = 0.0 if s.band is None or s.line else s.band
         return replace(s, y=np.where(_whole(s, panel.log_y), s.y, s.y + band))
 
+    more: list[Entry] = [
+        Entry(label, [Lines([SAMPLE_LINE], GREY, 1.2, dash)])
+        for (_, label), dash in zip(panel.references, dashes, strict=True)
+    ]
+    more += [Entry(panel.shaded, [Lines([SAMPLE_BOX], **REST)])] * bool(panel.spans)
+    more += [Entry("upper limit: the bar reaches 0", [_limit(s)]) for s in limits]
     return Frame(
         title=panel.title,
-        x=_across(panel, series),
-        y=_up(panel),
+        x=across,
+        y=up,
         draw=draw,
         points=[end(s) for s in series],
-        entries=_entries(panel, place)
-        + [
-            Entry(label, [Lines([SAMPLE_LINE], GREY, 1.2, dash)])
-            for (_, label), dash in zip(panel.references, dashes, strict=True)
-            if label
-        ],
+        entries=_entries(panel, labels) + [entry for entry in more if entry.label],
+        data=[_numbers(s, s.y) for s in series],
     )
+
+
+def _numbers(s: Series, y: Sequence[Any] | Array) -> tuple[str, list[Sequence[Any]]]:
+    """What is drawn of a series, as numbers."""
+    band = [""] * len(s.x) if s.band is None else s.band
+    return s.label, [*zip(s.x, y, band, strict=True)]
 
 
 def _drawable(panel: Panel) -> Panel:
@@ -350,17 +381,29 @@ def _up(panel: Panel) -> Axis:
     low, high = ends([values])
     if panel.log_y and values.size:
         low, high = values.min() / 1.5, values.max() * 1.5
-    low, high = panel.limits or (low, high)
-    return Axis(low=low, high=high, log=panel.log_y, label=panel.y_label)
+    ticks = None
+    if panel.limits:  # of a ratio: one tick on each side of 1, if it is in the middle
+        low, high = panel.limits
+        *_, far = even_ticks(0.0, 0.9 * (high - 1.0), 3)
+        if 1.0 - low > far:
+            ticks = [(x, f"{x:g}") for x in (1.0 - far, 1.0 + far)]
+    return Axis(low=low, high=high, log=panel.log_y, label=panel.y_label, ticks=ticks)
 
 
 def _curve(s: Series, x: Scale, y: Scale) -> list[Ink]:
-    ink: list[Ink] = [Lines([_path(s.x, s.y, x, y)], s.colour, 1.4, DASHES[s.line])]
+    ink: list[Ink] = _stroke(s, _path(s.x, s.y, x, y))
     if s.band is not None:
         low, high = (_path(s.x, s.y + k * s.band, x, y) for k in (-1.0, 1.0))
         area = np.vstack([low, high[::-1]])
         ink.insert(0, Lines([area], s.colour, opacity=0.2, filled=True))
     return ink
+
+
+def _stroke(s: Series, path: Array) -> list[Any]:
+    """The line of a curve; that of theory is thin, and an area has none."""
+    width = 1.0 if s.colour == INK else 1.4
+    dash = DASHES.get(s.line)
+    return [] if dash is None else [Lines([path], s.colour, width, dash)]
 
 
 def _points(s: Series, x: Scale, y: Scale) -> list[Ink]:
@@ -372,9 +415,14 @@ def _points(s: Series, x: Scale, y: Scale) -> list[Ink]:
     limits = x(s.x)[~whole], y(s.y + s.band)[~whole]
     return [
         Lines(_bars(x(s.x)[whole], low, high), s.colour, 1.2),
-        replace(_marks(s, *limits), marker="v", hollow=True),
+        replace(_limit(s), places=_marks(s, *limits).places),
         _marks(s, x(s.x)[whole], y(s.y)[whole]),
     ]
+
+
+def _limit(s: Series) -> Marks:
+    """The mark of an upper limit, in the middle of a sample."""
+    return Marks(SAMPLE_LINE.mean(axis=0, keepdims=True), "v", s.colour, hollow=True)
 
 
 def _flat_points(s: Series, x: Scale, y: Scale) -> list[Ink]:
@@ -395,27 +443,57 @@ def _whole(s: Series, upper_limits: bool) -> Any:
 
 
 def _path(values: Array, heights: Array, x: Scale, y: Scale) -> Array:
-    """A line; one of many points by its ends and extremes in each half point across."""
-    path = np.column_stack([x(values), y(heights)])
-    if len(path) <= MANY:
-        return path
-    runs = np.append(0, np.cumsum(np.diff(np.floor(2.0 * path[:, 0])) != 0.0))
-    order = np.lexsort((path[:, 1], runs))
+    return np.column_stack([x(values), y(heights)])
+
+
+def _fewer(s: Series, across: Axis, up: Axis) -> Series:
+    """A line of many points by those that are seen."""
+    if not s.line or len(s.x) <= LONG_CURVE:
+        return s
+    half: Any = 0.0 if s.band is None else s.band
+    x = Scale(across, 0.0, FINE)(s.x)
+    edges = [Scale(up, 0.0, 1.0)(s.y + k * half) for k in (-1.0, 1.0)]
+    kept = np.unique(np.concatenate([_seen(x, y) for y in edges]))
+    # to a ten-thousandth of the axis, where that is even
+    length = 0.0 if up.log else up.high - up.low
+    digits = SHARP - int(np.floor(np.log10(length))) if length else DIGITS
+    band = None if s.band is None else s.band[kept].round(digits)
+    return replace(s, x=s.x[kept], y=s.y[kept].round(digits), band=band)
+
+
+def _seen(x: Array, y: Array) -> Any:
+    """Which points of a line make it: ends and extremes of each part, where it bends.
+
+    A point is left out within `FLAT` of the chord of its neighbours, every second one
+    at a time, until none is; so a smooth line is off by less than twice that.
+    """
+    runs = np.append(0, np.cumsum(np.diff(np.floor(x)) != 0.0))
+    order = np.lexsort((y, runs))
     edges = np.flatnonzero(np.diff(runs)) + 1
-    first, last = np.append(0, edges), np.append(edges, len(path)) - 1
-    return path[np.unique([first, last, order[first], order[last]])]
+    first, last = np.append(0, edges), np.append(edges, len(x)) - 1
+    kept = np.unique([first, last, order[first], order[last]])
+    before = 0
+    while before != len(kept):
+        before = len(kept)
+        for start in (1, 2):
+            here = np.arange(start, len(kept) - 1, 2)
+            a, b, c = kept[here - 1], kept[here], kept[here + 1]
+            share = (x[b] - x[a]) / np.maximum(x[c] - x[a], TINY)
+            off = y[b] - y[a] - share * (y[c] - y[a])
+            kept = np.delete(kept, here[np.abs(off) < FLAT])
+    return kept
 
 
 def _marks(s: Series, x: Array, y: Array) -> Marks:
-    return Marks(_apart(np.column_stack([x, y])), s.marker, s.colour)
+    places = np.column_stack([x, y])
+    return Marks(places[_apart(places)], s.marker, s.colour)
 
 
-def _apart(places: Array) -> Array:
-    """Places of marks; of many that are within two points one."""
+def _apart(places: Array) -> Any:
+    """Which marks are drawn; of many that are within two points one."""
     if len(places) <= MANY:
-        return places
-    _, kept = np.unique(np.rint(places / 2.0), axis=0, return_index=True)
-    return places[np.sort(kept)]
+        return slice(None)
+    return np.sort(np.unique(np.rint(places / 2.0), axis=0, return_index=True)[1])
 
 
 def _bars(across: Array, low: Array, high: Array, *, flat: bool = False) -> list[Array]:
@@ -444,25 +522,31 @@ def _box(left: Any, right: Any, low: Any, high: Any) -> Array:
     return np.array([[left, low], [right, low], [right, high], [left, high]])
 
 
-def _entries(panel: Panel | DotPanel, place: int) -> list[Entry]:
+def _entries(panel: Panel | DotPanel, labels: Sequence[str]) -> list[Entry]:
     """Entries of the legend of series."""
     found = []
-    for s, attributes in entries_of(panel, place):
+    for s, key in entries_of(panel, labels):
         middle, none, reach = np.array([SAMPLE / 2.0]), np.zeros(1), np.full(1, 5.0)
-        ink: list[Lines | Marks] = [_marks(s, middle, none)]
-        if s.line:
-            ink = [Lines([SAMPLE_LINE], s.colour, 1.4, DASHES[s.line])]
-        elif s.band is not None and isinstance(panel, DotPanel):
-            bars = _bars(none, middle - reach, middle + reach, flat=True)
-            ink.insert(0, Lines(bars, s.colour, 1.2))
+        ink: list[Any] = (
+            _stroke(s, SAMPLE_LINE) if s.line else [_marks(s, middle, none)]
+        )
+        if s.band is not None and s.line:
+            box = Lines([SAMPLE_BOX], s.colour, opacity=0.2, filled=True)
+            ink.insert(0, box)
         elif s.band is not None:
-            ink.insert(0, Lines(_bars(middle, -reach, reach), s.colour, 1.2))
-        found.append(Entry(s.label, ink, attributes))
+            flat = isinstance(panel, DotPanel)
+            ends = (
+                (none, middle - reach, middle + reach)
+                if flat
+                else (middle, -reach, reach)
+            )
+            ink.insert(0, Lines(_bars(*ends, flat=flat), s.colour, 1.2))
+        found.append(Entry(s.label, ink, key))
     return found
 
 
 @framed.register
-def _(panel: SpherePanel, place: int) -> Frame:
+def _(panel: SpherePanel, labels: Sequence[str]) -> Frame:
     def draw(x: Scale, y: Scale) -> list[Group]:
         angle = np.linspace(0.0, 2.0 * np.pi, 121)
         radii = 2.0 * np.sin(np.radians([30.0, 60.0, 90.0]) / 2.0)
@@ -472,18 +556,34 @@ def _(panel: SpherePanel, place: int) -> Frame:
             (panel.directions, "o", SIMULATED),
             (panel.wanted, "D", THEORY),
         ):
-            half = directions[panel.sign * directions[:, 2] >= 0.0]
+            half = _half(panel, directions)
             # Lambert's azimuthal equal-area projection about the pole
             flat = half[:, :2] * np.sqrt(2.0 / (1.0 + np.abs(half[:, 2:])))
             places = np.column_stack([x(flat[:, 0]), y(flat[:, 1])])
-            ink.append(Marks(_apart(places), mark, colour))
+            ink.append(Marks(places[_apart(places)], mark, colour))
         rim = 1.1 * radii[-1]
         for words, across, up in (("x", rim, 0.0), ("y", 0.0, rim)):
             ink.append(Words(words, float(x(across)), float(y(up)), SMALL))
         return [Group(ink)]
 
-    axis = Axis(low=-RIM, high=RIM)
-    return Frame(title=panel.title, x=axis, y=axis, draw=draw, bare=True)
+    axis, middle = Axis(low=-RIM, high=RIM), SAMPLE_LINE.mean(axis=0, keepdims=True)
+    kinds = [("pose", panel.directions, "o", SIMULATED)]
+    kinds += [("where one more would help most", panel.wanted, "D", THEORY)]
+    shown = [kind for kind in kinds if len(kind[1])]
+    return Frame(
+        title=panel.title,
+        x=axis,
+        y=axis,
+        draw=draw,
+        bare=True,
+        entries=[Entry(kind[0], [Marks(middle, *kind[2:])]) for kind in shown],
+        data=[(name, [(*each, "") for each in _half(panel, unit)[:, :2]])
+              for name, unit, *_ in shown],
+    )  # fmt: skip
+
+
+def _half(panel: SpherePanel, directions: Array) -> Array:
+    return directions[panel.sign * directions[:, 2] >= 0.0]
 
 
 def _rows(names: Sequence[str], *, marked: bool = False) -> Axis:
@@ -494,7 +594,7 @@ def _rows(names: Sequence[str], *, marked: bool = False) -> Axis:
 
 
 @framed.register
-def _(panel: BarPanel, place: int) -> Frame:
+def _(panel: BarPanel, labels: Sequence[str]) -> Frame:
     rows = np.arange(float(len(panel.names)))[::-1]
     measured, band, predicted = (
         np.where(near(values), values, np.nan)
@@ -533,13 +633,20 @@ def _(panel: BarPanel, place: int) -> Frame:
         draw=draw,
         points=[Series(label="measured", x=measured[good], y=rows[good], notes=notes)],
         entries=[Entry("measured", [bar]), Entry("predicted", [diamond])],
+        data=[
+            (name, [numbers])
+            for name, *numbers in zip(
+                panel.names, measured, predicted, band, strict=True
+            )
+        ],
+        upward="predicted",
     )
 
 
 @framed.register
-def _(panel: DotPanel, place: int) -> Frame:
+def _(panel: DotPanel, labels: Sequence[str]) -> Frame:
     reference, rows, count = panel.reference[0], len(panel.names), len(panel.series)
-    names, series = names_of(panel, place), []
+    names, series = names_of(panel, labels), []
     for i, s in enumerate(panel.series):
         shift = 0.0 if count == 1 else (i / (count - 1) - 0.5) * SPREAD
         good = near(s.x)
@@ -575,12 +682,18 @@ def _(panel: DotPanel, place: int) -> Frame:
         y=replace(_rows(panel.names), label=panel.y_label),
         draw=draw,
         points=series,
-        entries=_entries(panel, place),
+        entries=_entries(panel, labels)
+        + [Entry(panel.reference[1], [Lines([SAMPLE_LINE], GREY, 1.2, LONG)])]
+        * bool(panel.reference[1]),
+        data=[
+            _numbers(s, [panel.names[int(place)] for place in s.y])
+            for s in panel.series
+        ],
     )
 
 
 @framed.register
-def _(panel: HeatPanel, place: int) -> Frame:
+def _(panel: HeatPanel, labels: Sequence[str]) -> Frame:
     rows, columns = panel.shares.shape
 
     def draw(x: Scale, y: Scale) -> list[Group]:
@@ -611,6 +724,17 @@ def _(panel: HeatPanel, place: int) -> Frame:
         y=_rows(panel.names),
         draw=draw,
         slant=50.0,
+        data=[
+            (
+                name,
+                [
+                    (column, share, "")
+                    for column, share in zip(panel.columns, shares, strict=True)
+                ],
+            )
+            for name, shares in zip(panel.names, panel.shares, strict=True)
+        ],
+        upward="share that fails",
     )
 
 

@@ -49,7 +49,7 @@ def allan_drawing(name: str, sensors: Sequence[SensorNoise]) -> Drawing:
             "and random walk K alone."
         ),
         panels=[_panel(s) for s in drawn],
-        columns=1,
+        columns=2,
         left_out=[
             f"the {s.title}, whose readings do not vary"
             for s in sensors
@@ -118,10 +118,14 @@ def _slopes(sensor: SensorNoise, scale: float) -> Iterator[Series]:
         ends = (least / max(seen)) ** (1.0 / power) * divisor  # no lower than the data
         x = np.clip(x, *((x[0], ends) if kind == "N" else (ends, x[2])))
         y = max(seen) * (x / divisor) ** power
-        label = f"slope {'-' * (power < 0)}1/2, {kind} at {divisor:g} s"
-        yield Series(label=label, x=x, y=scale * y, colour=GREY, line="--")
+        words = f"{kind} alone, slope {'-' * (power < 0)}1/2"
+        yield Series(label=words, x=x, y=scale * y, colour=GREY, line="--")
         yield Series(
-            label="", x=x[1:2], y=scale * y[1:2], colour=INK, marker=MARKERS[-1]
+            label=f"{kind} at {divisor:g} s",
+            x=x[1:2],
+            y=scale * y[1:2],
+            colour=INK,
+            marker=MARKERS[-1],
         )
 
 

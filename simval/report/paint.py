@@ -1,19 +1,28 @@
 """Drawings as inline SVG, or as files in SVG and PNG: same data, same bytes.
 
-Every panel has axes of a fixed size. What is about them (title, labels, names, legend)
-is measured with the widths of DejaVu Sans, and the margins are made for it; long words
-are broken into lines before. Text stays text; who has not this font reads another, for
-which there is some slack. Axes, ticks and labels are drawn in ``currentColor``, so that
-the page's own colours, light or dark, apply to them.
+Every panel has the same width; letters are as large as a phone needs them, and the
+page's style makes them smaller where there is room. What is about the axes (title,
+labels, names, and in a file the legend) is measured with the widths of DejaVu Sans, and
+the margins are made for it; long words are broken into lines before. Text stays text;
+who has not this font reads another, for which there is some slack. Axes, ticks and
+labels are drawn in ``currentColor``, so that the page's own colours, light or dark,
+apply to them.
+
+Panels over one another share the axis below them: a panel and its strips, and all of
+those over time. On the page a legend is HTML, one for a figure where each label looks
+the same in all of its panels. The numbers that are drawn stand in the figure too, for
+the page's script to write them as CSV.
 """
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from itertools import chain
 from re import compile as pattern_of
+from re import sub
 from textwrap import wrap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +35,7 @@ from simval.report.marks import (
     SIZE,
     SMALL,
     TITLE,
+    Entry,
     Frame,
     Group,
     Ink,
@@ -34,6 +44,7 @@ from simval.report.marks import (
     Scale,
     Words,
     framed,
+    minor_ticks,
     ticks_of,
 )
 from simval.report.panels import (
@@ -46,30 +57,33 @@ from simval.report.panels import (
     HeatPanel,
     Panel,
     SpherePanel,
+    shade,
     told,
 )
 
 INCH = 72.0  # in points, of which all lengths are
-# width of a panel by how many are side by side, height of its axes
-WIDTHS = {1: 475.0, 2: 353.0}
-WIDTH, UP = 310.0, 158.0
+WIDTH = 330.0  # of a panel: a phone's, in letters that are read there
+# height of axes by how many panels are side by side, of three, and of a long curve
+UPS, UP, UP_LONG = {1: 75.0, 2: 110.0}, 140.0, 75.0
 LEAST_UP = 0.6  # of that height, for few rows
 DISC = 194.0  # height of a map of directions
-LEFT, RIGHT = 68.0, 25.0  # margins, at least: a tick of eight digits; half of one
+LEFT, RIGHT = 30.0, 16.0  # margins, at least
 EDGE = 4.0  # about all
-TICK, PAD = 3.5, 3.5  # its length, and what is between it and its name
-MOST_COLUMNS = 3  # of a legend
+SPREAD = 3.0
+"""How many times finer than another a scale of one quantity may be, to be shared."""
+MOST = 3000  # numbers of a series that stand in the figure
+TICK, PAD = 3.0, 3.5  # its length, and what is between it and its name
 BETWEEN = 7.0  # from the sample of a legend to its words
 SPACING = 1.2  # from one line of words to the next, in their size
 ROW = 13.0  # of names
-NAMES, WIDE_NAMES = 115.0, 173.0  # at most, for the names of rows; of a panel alone
+NAMES = 115.0  # at most, for the names of rows
 LETTER = 0.6  # mean width of a letter over its height
 SLACK = 0.92  # share of the room that is used, for a reader with a wider font
 SEAMS = pattern_of(r"(?<=[_:,=/])")
 """After these letters a word that is longer than a line is broken."""
 APART = 0.45  # of a row, between the dots of a name
 HALF = 0.36  # from the middle of letters to their foot, in their size
-DOTS_PER_INCH = 160  # of a PNG: sharp on a screen at twice its size
+DOTS_PER_INCH = 240  # of a PNG: sharp on a screen at twice its size
 WHITE, DARK = "#ffffff", "#1c1c1e"
 FONT = "DejaVu Sans"
 
@@ -90,6 +104,7 @@ CORNERS = {
     "P": ((-0.4, -1.1), (0.4, -1.1), (0.4, -0.4), (1.1, -0.4), (1.1, 0.4), (0.4, 0.4),
           (0.4, 1.1), (-0.4, 1.1), (-0.4, 0.4), (-1.1, 0.4), (-1.1, -0.4),
           (-0.4, -0.4)),
+    "_": ((-1.8, -0.2), (1.8, -0.2), (1.8, 0.2), (-1.8, 0.2)),
 }  # fmt: skip
 
 
@@ -100,77 +115,209 @@ CORNERS = {
 class Sheet:
     """A panel on paper."""
 
-    x: float  # its corner on the figure's
-    y: float
+    panel: AnyPanel
+    frame: Frame
+    x: Scale  # axes at their places
+    y: Scale
+    top: float  # from the edge of its part
     height: float
-    box: tuple[float, float, float, float]  # of its axes: left, top, right, bottom
     groups: Sequence[Group]
-    discs: str
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Its axes: left, top, right, bottom."""
+        return self.x.start, self.y.stop, self.x.stop, self.y.start
 
 
-def sheets_of(drawing: Drawing) -> tuple[list[Sheet], float, float]:
-    """The panels of a drawing side by side, and the size of all."""
-    columns = min(len(drawing.panels), drawing.columns)
-    width = WIDTHS.get(drawing.columns, WIDTH)
-    names = NAMES if drawing.columns > 1 else WIDE_NAMES
-    sheets = [_sheet(panel, width, names, i) for i, panel in enumerate(drawing.panels)]
-    top = 0.0
-    for i in range(0, len(sheets), columns):
-        row = sheets[i : i + columns]
-        for k, sheet in enumerate(row):
-            sheets[i + k] = replace(sheet, x=k * width, y=top)
-        top += max(sheet.height for sheet in row)
-    return sheets, width * columns, top
+class Part(NamedTuple):
+    """Panels over one another."""
+
+    sheets: Sequence[Sheet]
+    legend: Sequence[Entry]  # its own, where the figure has none
+
+    @property
+    def height(self) -> float:
+        """Height of all of them."""
+        return sum(sheet.height for sheet in self.sheets)
+
+    @property
+    def long(self) -> bool:
+        """True if it has a long curve."""
+        return any(_long(sheet.panel) for sheet in self.sheets)
 
 
-def _sheet(panel: AnyPanel, width: float, names: float, place: int) -> Sheet:
-    """A panel with the room that its words need."""
-    frame = framed(_in_lines(panel, width, names), place)
-    up, top = _up(panel, frame), EDGE
-    if frame.title:
-        top += _high(frame.title, TITLE) + 6.0
-    names_up = [] if frame.bare else ticks_of(frame.y, up, along=False)
-    widest = max((_wide(name) for _, name in names_up), default=0.0) / SLACK
-    label = _high(frame.y.label) + 4.0 if frame.y.label else 0.0
-    left, right = max(LEFT, EDGE + label + widest + PAD + TICK), width - RIGHT
-    if frame.slant:
-        below = max(
-            (_wide(name, SMALL) for _, name in frame.x.ticks or ()), default=0.0
-        )
-        left = max(left, EDGE + below / SLACK * float(np.cos(np.radians(frame.slant))))
-    if frame.bare:
-        left, right = (width - up) / 2.0, (width + up) / 2.0
-    x, y = Scale(frame.x, left, right), Scale(frame.y, top + up, top)
-    title = Words(frame.title, (left + right) / 2.0, EDGE + TITLE / 2.0, TITLE)
-    ink: list[Ink] = [title]
-    below = top + up
-    if not frame.bare:
-        names_below = ticks_of(frame.x, right - left, along=True)
-        words, below = _below(frame, x, names_below, top + up)
-        ink += words + _beside(frame, y, names_up, left, widest)
-        ink += _axes(x, y, names_below, names_up)
-    legend, height = _legend(frame, width, below)
-    groups = [Group(ink, inside=False), *frame.draw(x, y), *legend]
-    box = (left, top, right, top + up)
-    places = [np.column_stack([x(s.x), y(s.y)]) for s in frame.points]
-    discs = interactivity.discs(panel, frame.points, places, place, box)
-    return Sheet(x=0.0, y=0.0, height=height, box=box, groups=groups, discs=discs)
+class Plan(NamedTuple):
+    """A figure on paper."""
+
+    parts: Sequence[Part]
+    legend: Sequence[Entry]  # of all of them
+    labels: Sequence[str]  # of the series, by their keys
+    finer: float  # how many times one of the scales of a quantity is than another
+
+
+def planned(drawing: Drawing, *, legends: bool = False) -> Plan:
+    """Lay a drawing out, with the legends in it or without."""
+    panels = [
+        [*map(_in_lines, (panel, *getattr(panel, "strips", ())))]
+        for panel in drawing.panels
+    ]
+    labels = interactivity.labels_of(p for part in panels for p in part)
+    parts = [[framed(panel, labels) for panel in part] for part in panels]
+    finer = _share_scales(panels, parts)
+    every = _entries(frame for part in parts for frame in part)
+    # each label looks the same in every panel, and nothing else does
+    one = len({e.label for e in every}) == len({*map(sample, every)}) == len(every)
+    own = [[] if one else _entries(part) for part in parts]
+    curves = [p for part in panels for p in part if isinstance(p, Panel)]
+    up = UPS.get(drawing.columns, UP)
+    if drawing.columns == 1 and len(curves) == sum(map(len, panels)):
+        up = UP_LONG if any(map(_long, curves)) else up
+        if one and len({(p.x_label, p.log_x) for p in curves}) == 1:  # as over time
+            panels, parts, own = [[*chain(*panels)]], [[*chain(*parts)]], [[]]
+    if one and legends:
+        own[-1] = every
+    titled = legends or len(drawing.panels) > 1  # or it stands above
+    made = [
+        Part(_sheets(part, frames, up, legend if legends else (), titled), legend)
+        for part, frames, legend in zip(panels, parts, own, strict=True)
+    ]
+    return Plan(made, every if one else [], labels, finer)
+
+
+def _long(panel: AnyPanel) -> bool:
+    return isinstance(panel, Panel) and panel.long
+
+
+def _entries(frames: Iterable[Frame]) -> list[Entry]:
+    """Entries of the legend of some panels, each once."""
+    every = {(e.label, sample(e)): e for frame in frames for e in frame.entries}
+    return [*every.values()]
+
+
+def _share_scales(
+    panels: Sequence[Sequence[AnyPanel]], parts: Sequence[list[Frame]]
+) -> float:
+    """Give panels of one quantity one scale, if it is fine enough for each of them."""
+    alike: dict[tuple[str, bool], list[list[Frame]]] = {}
+    for (panel, *_), part in zip(panels, parts, strict=True):
+        if isinstance(panel, Panel) and panel.limits is None:
+            alike.setdefault((panel.y_label, part[0].y.log), []).append(part)
+    finer = 1.0
+    for (_, log), own in alike.items():
+        ends = np.array([(part[0].y.low, part[0].y.high) for part in own])
+        places = np.log(ends) if log else ends
+        lengths = np.ptp(places, axis=1)
+        if np.ptp(places) > SPREAD * lengths.min():
+            finer = max(finer, float(lengths.max() / lengths.min()))
+            continue
+        for part in own:
+            y = replace(part[0].y, low=ends.min(), high=ends.max())
+            part[0] = replace(part[0], y=y)
+    return finer
+
+
+def _sheets(
+    panels: Sequence[AnyPanel],
+    frames: Sequence[Frame],
+    up: float,
+    legend: Sequence[Entry],
+    titled: bool,
+) -> list[Sheet]:
+    """Panels over one another, on the axis of all of them."""
+    if len(frames) > 1:
+        low, high = min(f.x.low for f in frames), max(f.x.high for f in frames)
+        x = replace(frames[0].x, low=low, high=high)
+        frames = [replace(frame, x=x) for frame in frames]
+    highs = [_up(*each, up) for each in zip(panels, frames, strict=True)]
+    left = max(map(_left, frames, highs))
+    found: list[Sheet] = []
+    for panel, frame, high in zip(panels, frames, highs, strict=True):
+        top = sum(sheet.height for sheet in found)
+        last = len(found) == len(panels) - 1
+        named = titled and getattr(panel, "limits", None) is None  # and no strip
+        own = legend if last else ()
+        sheet = _sheet(panel, frame, left, high, top, own, last=last, titled=named)
+        found.append(sheet)
+    return found
 
 
 Ticks = Sequence[tuple[float, str]]
 
 
-def _axes(x: Scale, y: Scale, along: Ticks, up: Ticks) -> list[Lines]:
-    """The grid, and the axes with their ticks."""
-    grid, strokes = [], [[(x.start, y.stop), (x.start, y.start), (x.stop, y.start)]]
-    for at in (float(x(value)) for value, _ in along):
-        grid += [[(at, y.start), (at, y.stop)]] * x.axis.grid
-        strokes += [[(at, y.start), (at, y.start + TICK)]] * x.axis.marked
-    for at in (float(y(value)) for value, _ in up):
-        grid += [[(x.start, at), (x.stop, at)]] * y.axis.grid
-        strokes += [[(x.start, at), (x.start - TICK, at)]] * y.axis.marked
-    faint = Lines([*map(np.array, grid)], GREY, 0.5, opacity=0.35)
-    return [faint, Lines([*map(np.array, strokes)])]
+def _widest(names: Ticks, size: float = SIZE) -> float:
+    return max((_wide(name, size) for _, name in names), default=0.0) / SLACK
+
+
+def _left(frame: Frame, up: float) -> float:
+    """Room left of the axes that the names beside and below them need."""
+    if frame.bare:
+        return (WIDTH - up) / 2.0
+    beside = _widest(ticks_of(frame.y, up, along=False)) + PAD + TICK
+    aslant = frame.x.ticks if frame.slant else None
+    below = _widest(aslant or (), SMALL) * float(np.cos(np.radians(frame.slant)))
+    return max(LEFT, EDGE + beside, EDGE + below)
+
+
+def _sheet(
+    panel: AnyPanel,
+    frame: Frame,
+    left: float,
+    up: float,
+    top: float,
+    legend: Sequence[Entry],
+    *,
+    last: bool,
+    titled: bool,
+) -> Sheet:
+    """A panel with the room that its words need; the last has the names below."""
+    down = EDGE if frame.y.label else 0.0
+    ink: list[Ink] = []
+    # the words of the axis may say as much
+    title = frame.title if titled else ""
+    title = "" if frame.y.label.startswith(title) else title
+    for text, size in ((title, TITLE), (frame.y.label, SIZE)):
+        if text:
+            ink.append(Words(text, 1.0, down + size / 2.0, size, anchor="start"))
+            down += _high(text, size) + 1.0
+    down += PAD
+    x = Scale(frame.x, left, left + up if frame.bare else WIDTH - RIGHT)
+    y = Scale(frame.y, down + up, down)
+    groups, down = [Group(ink, inside=False)], down + up
+    if not frame.bare:
+        ticks = ticks_of(frame.x, x.stop - left, along=True)
+        words, down = _below(frame, x, ticks, down) if last else ([], down)
+        groups.append(_ruled(x, y, ticks, words, flat=True))
+        ticks = ticks_of(frame.y, up, along=False)
+        groups.append(_ruled(y, x, ticks, _beside(y, ticks, left), flat=False))
+    entries, down = _legend(legend, left, down)
+    return Sheet(
+        panel=panel,
+        frame=frame,
+        x=x,
+        y=y,
+        top=top,
+        height=down,
+        groups=[*groups, *frame.draw(x, y), entries],
+    )
+
+
+def _ruled(
+    axis: Scale, other: Scale, ticks: Ticks, words: Sequence[Words], *, flat: bool
+) -> Group:
+    """An axis with its grid, its ticks and their names; a logarithmic one has more."""
+    kind, foot, out = axis.axis, other.start, TICK if flat else -TICK
+    named = [float(axis(value)) for value, _ in ticks]
+    grid = [[(at, foot), (at, other.stop)] for at in named * kind.grid]
+    strokes = [[(axis.start, foot), (axis.stop, foot)]]
+    strokes += [[(at, foot), (at, foot + out)] for at in named * kind.marked]
+    between = axis(np.array(minor_ticks(kind))).tolist()
+    strokes += [[(at, foot), (at, foot + out / 2.0)] for at in between]
+    faint, ink = (
+        [np.array(path)[:, :: 1 if flat else -1] for path in paths]
+        for paths in (grid, strokes)
+    )
+    lines = [Lines(faint, GREY, 0.5, opacity=0.35), Lines(ink)]
+    return Group([*lines, *words], f'class="{"x" if flat else "y"}"', inside=False)
 
 
 def _below(
@@ -181,58 +328,38 @@ def _below(
     if frame.slant:
         how: Any = {"size": SMALL, "anchor": "end", "turn": frame.slant}
         words = [Words(name, float(x(at)), down + 2.0, **how) for at, name in ticks]
-        longest = max((_wide(name, SMALL) for _, name in ticks), default=0.0)
-        down += longest / SLACK * float(np.sin(np.radians(frame.slant)))
+        down += _widest(ticks, SMALL) * float(np.sin(np.radians(frame.slant)))
         down += max((_high(name, SMALL) for _, name in ticks), default=0.0)
     else:
         words = [Words(name, float(x(at)), down + SIZE / 2.0) for at, name in ticks]
         down += _high("1")
     if frame.x.label:
-        middle = (x.start + x.stop) / 2.0
-        words.append(Words(frame.x.label, middle, down + 3.0 + SIZE / 2.0))
-        down += 3.0 + _high(frame.x.label)
+        place = x.stop, down + 2.0 + SIZE / 2.0
+        words.append(Words(frame.x.label, *place, anchor="end"))
+        down += 2.0 + _high(frame.x.label)
     return words, down
 
 
-def _beside(
-    frame: Frame, y: Scale, ticks: Ticks, left: float, widest: float
-) -> list[Words]:
+def _beside(y: Scale, ticks: Ticks, left: float) -> list[Words]:
     """Words left of an axis."""
-    end, words = left - PAD - TICK * y.axis.marked, []
-    for at, name in ticks:
-        rise = (_high(name) - _high("1")) / 2.0
-        words.append(Words(name, end, float(y(at)) - rise, anchor="end"))
-    if frame.y.label:
-        edge = end - widest - 4.0 - _high(frame.y.label) + SIZE / 2.0
-        middle = (y.start + y.stop) / 2.0
-        words.append(Words(frame.y.label, edge, middle, turn=90.0))
-    return words
+    end = left - PAD - TICK * y.axis.marked
+    return [
+        Words(name, end, float(y(at)) - (_high(name) - _high("1")) / 2.0, anchor="end")
+        for at, name in ticks
+    ]
 
 
-def _legend(frame: Frame, width: float, top: float) -> tuple[list[Group], float]:
-    """The legend below the axes, in as many columns as there is room; and the end."""
-    entries, room = list(frame.entries), SLACK * width
-    for count in range(min(len(entries), MOST_COLUMNS), 0, -1):
-        size = -(-len(entries) // count)
-        columns = [entries[i : i + size] for i in range(0, len(entries), size)]
-        wide = [max(_wide(e.label, SMALL) for e in column) for column in columns]
-        across = sum(wide) + len(wide) * (SAMPLE + BETWEEN) + SIZE * (len(wide) - 1)
-        if across <= room:
-            break
-    else:  # there is none
-        return [], top + EDGE
-    groups, x, foot = [], (width - across) / 2.0, top
-    for column, own in zip(columns, wide, strict=True):
-        y = top + 2.0 * EDGE
-        for entry in column:
-            first = y + SMALL / 2.0
-            sample = [_moved(ink, np.array([x, first])) for ink in entry.ink]
-            after = x + SAMPLE + BETWEEN
-            words = Words(entry.label, after, first, SMALL, anchor="start")
-            groups.append(Group([*sample, words], entry.attributes, inside=False))
-            y += _high(entry.label, SMALL) + 4.0
-        foot, x = max(foot, y), after + own + SIZE
-    return groups, foot + EDGE
+def _legend(entries: Sequence[Entry], left: float, top: float) -> tuple[Group, float]:
+    """A legend below the axes, an entry on a line; and its end."""
+    ink: list[Ink] = []
+    for entry in entries:
+        name = broken(entry.label, SLACK * WIDTH - left - SAMPLE - BETWEEN, SMALL)
+        first = top + 2.0 * EDGE
+        ink += [_moved(each, np.array([left, first])) for each in entry.ink]
+        words = left + SAMPLE + BETWEEN, first
+        ink.append(Words(name, *words, SMALL, anchor="start"))
+        top += _high(name, SMALL) + 4.0
+    return Group(ink, inside=False), top + EDGE
 
 
 def _moved(ink: Lines | Marks, by: Array) -> Lines | Marks:
@@ -241,17 +368,17 @@ def _moved(ink: Lines | Marks, by: Array) -> Lines | Marks:
     return replace(ink, paths=[path + by for path in ink.paths])
 
 
-def _up(panel: AnyPanel, frame: Frame) -> float:
+def _up(panel: AnyPanel, frame: Frame, usual: float) -> float:
     """Height of the axes: as usual, or what the names of its rows need."""
     if isinstance(panel, SpherePanel):
         return DISC
     if isinstance(panel, Panel):
-        return UP * panel.height
+        return usual * panel.height
     names = [name for _, name in frame.y.ticks or ()]
     lines: float = 1 + max((name.count("\n") for name in names), default=0)
     if isinstance(panel, DotPanel):
         lines = max(lines, APART * (1 + len(panel.series)))
-    return max(LEAST_UP * UP, ROW * lines * len(names))
+    return max(LEAST_UP * usual, ROW * lines * len(names))
 
 
 def _wide(text: str, size: float = SIZE) -> float:
@@ -279,26 +406,17 @@ def broken(text: str, room: float, size: float = SIZE) -> str:
     return "\n".join(line for line in lines if line)
 
 
-def _in_lines(panel: AnyPanel, width: float, names: float) -> AnyPanel:
+def _in_lines(panel: AnyPanel) -> AnyPanel:
     """A panel with its long words broken into lines."""
-    changes: Any = {}
-    left = LEFT
+    room = SLACK * WIDTH
+    changes: Any = {"title": broken(panel.title, room, TITLE)}
     if isinstance(panel, BarPanel | DotPanel | HeatPanel):
-        changes["names"] = [broken(name, names) for name in panel.names]
-        left = max(LEFT, *map(_wide, changes["names"]))
+        changes["names"] = [broken(name, NAMES) for name in panel.names]
     if isinstance(panel, HeatPanel):
         changes["columns"] = [broken(name, NAMES, SMALL) for name in panel.columns]
-    across = width - left - RIGHT
-    changes["title"] = broken(panel.title, across, TITLE)
-    if isinstance(panel, Panel | BarPanel | DotPanel):
-        changes["x_label"] = broken(panel.x_label, across)
-    if isinstance(panel, Panel | DotPanel):
-        # there is some room above and below the axes
-        up = panel.height if isinstance(panel, Panel) else LEAST_UP
-        changes["y_label"] = broken(panel.y_label, UP * up + 22.0)
-        changes["series"] = [
-            replace(s, label=broken(s.label, width - INCH, SMALL)) for s in panel.series
-        ]
+    for label in ("x_label", "y_label"):
+        if hasattr(panel, label):
+            changes[label] = broken(getattr(panel, label), room)
     return replace(panel, **changes)
 
 
@@ -310,21 +428,24 @@ def root(drawing: Drawing) -> str:
     return f"svg-{drawing.name}"
 
 
-def svg(drawing: Drawing) -> str:
-    """Draw as one ``svg`` element for each panel, which a page sets side by side."""
-    if len(drawing.panels) == 1:
-        return _svg(drawing)
-    return "".join(
+def shown(drawing: Drawing) -> tuple[Plan, list[str]]:
+    """What a page sets side by side: an ``svg`` element for each part, and legends."""
+    plan = planned(drawing)
+    if len(plan.parts) == 1:
+        return plan, [
+            _svg([(0.0, 0.0, plan.parts[0])], plan, root(drawing), drawing.alternative)
+        ]
+    return plan, [
         _svg(
-            replace(
-                drawing,
-                name=f"{drawing.name}-{i}",
-                alternative=told(panel),
-                panels=[panel],
-            )
+            [(0.0, 0.0, part)], plan, f"{root(drawing)}-{i}", told(part.sheets[0].panel)
         )
-        for i, panel in enumerate(drawing.panels, 1)
-    )
+        for i, part in enumerate(plan.parts, 1)
+    ]
+
+
+def svg(drawing: Drawing) -> str:
+    """The ``svg`` elements of a figure on a page."""
+    return "".join(shown(drawing)[1])
 
 
 def svg_file(drawing: Drawing) -> str:
@@ -340,40 +461,92 @@ def svg_file(drawing: Drawing) -> str:
     str
         Text of the file.
     """
-    paper = f"<style>#{root(drawing)} {{ color: {DARK}; background: {WHITE}; }}</style>"
-    return _svg(drawing).replace(">", ">" + paper, 1) + "\n"
-
-
-def _svg(drawing: Drawing) -> str:
-    """Draw as an ``svg`` element with prefixed ids and a text alternative."""
     name = root(drawing)
-    sheets, width, height = sheets_of(drawing)
-    images, discs = [], []
-    for i, sheet in enumerate(sheets):
-        moved = f'<g transform="translate({sheet.x:g} {sheet.y:.1f})">'
-        start, end = (moved, "</g>") if sheet.x or sheet.y else ("", "")
-        images.append(f"{start}{''.join(_inked(sheet, f'{name}-axes-{i}'))}{end}")
-        discs.append(f"{start}{sheet.discs}{end}" if sheet.discs else "")
-    image, over = "\n".join(images), "".join(discs)
+    plan = planned(drawing, legends=True)
+    text = _svg([*_grid(drawing, plan)], plan, name, drawing.alternative)
+    paper = f"<style>#{name} {{ color: {DARK}; background: {WHITE}; }}</style>"
+    plain = sub(r"var\([^,]*,(#\w+)\)", r"\1", text)  # who reads a file may know none
+    return plain.replace(">", ">" + paper, 1) + "\n"
+
+
+def _grid(drawing: Drawing, plan: Plan) -> Iterator[tuple[float, float, Part]]:
+    """The parts of a figure side by side, each with its corner."""
+    columns, top = min(len(plan.parts), drawing.columns), 0.0
+    for i in range(0, len(plan.parts), columns):
+        row = plan.parts[i : i + columns]
+        yield from ((k * WIDTH, top, part) for k, part in enumerate(row))
+        top += max(part.height for part in row)
+
+
+def _size(placed: Sequence[tuple[float, float, Part]]) -> tuple[float, float]:
+    width = max(left for left, *_ in placed) + WIDTH
+    return width, max(top + part.height for _, top, part in placed)
+
+
+def _svg(
+    placed: Sequence[tuple[float, float, Part]], plan: Plan, name: str, words: str
+) -> str:
+    """Draw as an ``svg`` element with prefixed ids and a text alternative."""
+    images: list[str] = []
+    discs: list[str] = []
+    for left, top, part in placed:
+        for sheet in part.sheets:
+            down = top + sheet.top
+            moved = (
+                f' transform="translate({left:g} {down:.1f})"' if left or down else ""
+            )
+            axes = f' data-axes="{_axes(sheet)}"' if part.long else ""
+            image = "".join(_inked(sheet, f"{name}-axes-{len(images)}"))
+            images.append(f"<g{moved}{axes}>{image}</g>")
+            own = _discs(sheet, plan.labels)
+            discs += [f"<g{moved}>{own}</g>" if moved else own] * bool(own)
+    image = "\n".join(images)
     # the size comes from the view box, so the figure can shrink with the page
+    width, height = _size(placed)
+    long = ' class="long"' * any(part.long for *_, part in placed)
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:.1f}" '
         f'font-family="{FONT}, Verdana, sans-serif" font-size="{SIZE:g}" '
-        f'fill="currentColor" id="{name}"'
+        f'fill="currentColor" id="{name}"{long}'
     )
-    label = f'role="img" aria-label="{escape(drawing.alternative)}"'
-    if not over and "data-key=" not in image:
+    label = f'role="img" aria-label="{escape(words)}"'
+    if not discs and not long:
         return f"{head} {label}>\n{image}\n</svg>\n"
-    titles = escape("; ".join(panel.title for panel in drawing.panels))
-    over = over and f'<g fill="none" pointer-events="all">\n{over}</g>\n'
+    over = f'<g fill="none" pointer-events="all">\n{"".join(discs)}</g>\n'
+    names = (sheet.panel.title for *_, part in placed for sheet in part.sheets)
+    titles = escape("; ".join(filter(None, names)))
     return (
-        f'{head} role="group" aria-label="{titles}">\n<g {label}>\n{image}\n</g>\n'
-        f"{over}</svg>\n"
+        f'{head} role="group" aria-label="{titles}">\n'
+        f"<g {label}>\n{image}\n</g>\n{over * bool(discs)}</svg>\n"
     )
+
+
+def _axes(sheet: Sheet) -> str:
+    """Places and ends of both axes, for the page's script."""
+    ends = [sheet.frame.x.low, sheet.frame.x.high]
+    if not sheet.frame.y.log:
+        ends += [sheet.frame.y.low, sheet.frame.y.high]
+    return " ".join(f"{x:.1f}" for x in sheet.box) + "".join(f" {x:.9g}" for x in ends)
+
+
+def _discs(sheet: Sheet, labels: Sequence[str]) -> str:
+    points = sheet.frame.points
+    places = [np.column_stack([sheet.x(s.x), sheet.y(s.y)]) for s in points]
+    return interactivity.discs(sheet.panel, points, places, labels, sheet.box)
+
+
+def sample(entry: Entry) -> str:
+    """The sample of an entry of a legend."""
+    return "".join(map(_part, entry.ink))
 
 
 def _inked(sheet: Sheet, name: str) -> Iterator[str]:
     (left, top), (right, bottom) = _reach(sheet)
+    frame = sheet.frame
+    labels = frame.title, frame.x.label, frame.upward or frame.y.label
+    said = zip(("panel", "x", "y"), map(_one_line, labels), strict=True)
+    names = "".join(f' data-{key}="{escape(words)}"' for key, words in said)
+    yield f"<metadata{names}>{escape(_numbers(frame), quote=False)}</metadata>"
     yield (
         f'<clipPath id="{name}"><rect x="{left:.1f}" y="{top:.1f}" '
         f'width="{right - left:.1f}" height="{bottom - top:.1f}"/></clipPath>\n'
@@ -386,9 +559,30 @@ def _inked(sheet: Sheet, name: str) -> Iterator[str]:
             yield f"<g{names}{cut}>{ink}</g>" if names or cut else ink
 
 
+def _numbers(frame: Frame) -> str:
+    """The numbers of a panel: a line of what they are, and below it each as CSV.
+
+    Of more than `MOST` marks of a kind every second, or fewer; lines have no more.
+    """
+    return "".join(
+        f"#{_one_line(label)}\n{''.join(map(_comma, rows[:: 1 + len(rows) // MOST]))}"
+        for label, rows in frame.data
+    )
+
+
+def _comma(row: Iterable[Any]) -> str:
+    parts = (_one_line(x) if isinstance(x, str) else f"{x:.9g}" for x in row)
+    return ",".join(f'"{x}"' if "," in x else x for x in parts) + "\n"
+
+
+def _one_line(words: str) -> str:
+    return " ".join(words.replace('"', "'").split())
+
+
 def _reach(sheet: Sheet) -> Array:
-    """Corners of the axes and of whole marks at their ends."""
-    return np.array(sheet.box).reshape(2, 2) + MARK * np.array([[-1.0], [1.0]])
+    """Corners of the axes and, where none is moved, of whole marks at their ends."""
+    more = 0.5 if _long(sheet.panel) else MARK
+    return np.array(sheet.box).reshape(2, 2) + more * np.array([[-1.0], [1.0]])
 
 
 def _part(ink: Ink) -> str:
@@ -398,7 +592,7 @@ def _part(ink: Ink) -> str:
 
 
 def _colour(colour: str) -> str:
-    return "currentColor" if colour == INK else colour
+    return "currentColor" if colour == INK else shade(colour)
 
 
 def _lines(ink: Lines) -> str:
@@ -439,7 +633,8 @@ def _marks(ink: Marks) -> str:
 
 
 def _words(ink: Words) -> str:
-    size = "" if ink.size == SIZE else f' font-size="{ink.size:g}"'
+    size = "" if ink.size == SIZE else f' font-size="{ink.size / SIZE:g}em"'
+    size += ' font-weight="600"' * (ink.size == TITLE)
     anchor = "" if ink.anchor == "start" else f' text-anchor="{ink.anchor}"'
     parts = []
     for text, x, y in _placed_lines(ink):
@@ -488,34 +683,42 @@ def png(drawing: Drawing) -> bytes:
         from matplotlib.figure import Figure
     except ImportError:
         refuse_without("plots", "writing .png", "; or write .svg")
-    sheets, width, height = sheets_of(drawing)
+    plan = planned(drawing, legends=True)
+    placed = [*_grid(drawing, plan)]
+    width, height = _size(placed)
     figure = Figure(figsize=(width / INCH, height / INCH), dpi=INCH, facecolor=WHITE)
-    for sheet in sheets:
-        for group in sheet.groups:
-            for ink in group.ink:
-                _add(figure, ink, sheet, cut=group.inside)
+    for left, top, part in placed:
+        for sheet in part.sheets:
+            for group in sheet.groups:
+                for ink in group.ink:
+                    corner = left, top + sheet.top
+                    _add(figure, ink, sheet, corner, cut=group.inside)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
     return buffer.getvalue()
 
 
-def _add(figure: Any, ink: Ink, sheet: Sheet, *, cut: bool) -> None:
+def _add(
+    figure: Any, ink: Ink, sheet: Sheet, corner: tuple[float, float], *, cut: bool
+) -> None:
     """Add ink to a figure of Matplotlib, whose heights go up."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Polygon, Rectangle
     from matplotlib.text import Text
     from matplotlib.transforms import Affine2D
 
-    inches = Affine2D().translate(sheet.x, sheet.y).scale(1.0 / INCH, -1.0 / INCH)
+    inches = Affine2D().translate(*corner).scale(1.0 / INCH, -1.0 / INCH)
     place = inches.translate(0.0, figure.get_figheight()) + figure.dpi_scale_trans
     artists: list[Any] = []
     if isinstance(ink, Words):
         sides = {"start": "left", "middle": "center", "end": "right"}
         how: Any = {"family": FONT, "color": DARK, "rotation_mode": "anchor"}
+        how |= {"weight": "bold" if ink.size == TITLE else "normal"}
         how |= {"size": ink.size, "rotation": ink.turn, "ha": sides[ink.anchor]}
         artists += [Text(x, y, text, **how) for text, x, y in _placed_lines(ink)]
     elif isinstance(ink, Marks):
-        how = {"ls": "none", "marker": ink.marker, "ms": MARK, "mew": 0.5}
+        size = MARK * (2.0 if ink.marker == "_" else 1.0)
+        how = {"ls": "none", "marker": ink.marker, "ms": size, "mew": 0.5}
         how |= {"fillstyle": "none" if ink.hollow else "full"}
         artists.append(Line2D(*ink.places.T, color=_dark(ink.colour), **how))
     else:

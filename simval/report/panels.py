@@ -4,14 +4,15 @@ No drawing here: a section computes panels, a panel is arrays and words.
 
 What a colour, a marker and a line mean, the same on the whole page.
 
-What was simulated or measured is blue, or of the cool colours beside it where several
-groups share axes, each with a marker of its own. Predictions are lines: theory red, the
-second order ochre, the source's fourth order pink, the complete fourth order green, the
-exact answer in the ink of the words, the Cramér-Rao bound grey and dotted.
+What was simulated or measured is blue, or of the colours beside it where several groups
+share axes, each with a marker of its own. Theory is a thin line in the ink of the
+words; where formulas are compared, the second order is ochre, the source's fourth order
+pink, the complete fourth order green, the exact answer dotted in ink. The Cramér-Rao
+bound is grey and dotted.
 
-Every colour has a contrast of at least 3 to the paper, white and dark, and is told
-apart with every kind of colour vision, or by its marker or line
-(tests/report/test_curves.py).
+On light paper and in print a colour is what it is here, on dark paper that of `DARK`.
+Each has a contrast of at least 3 to its paper, and is told apart with every kind of
+colour vision, or by its marker or line (tests/report/test_curves.py).
 """
 
 from collections.abc import Sequence
@@ -24,25 +25,33 @@ from simval.arrays import Array
 from simval.report.formatting import slug
 from simval.shapes import Float
 
-COLOURS = ("#0077bb", "#008877", "#6644ff", "#2277ee", "#885588", "#cc22bb")
+DARK = {
+    "#1d5fa6": "#7ab4f5", "#b4540a": "#f0a25c", "#558822": "#bbee77",
+    "#884488": "#cc88cc", "#009999": "#55ccbb", "#cc3366": "#ff88aa",
+    "#bb8800": "#ddaa33", "#ee3388": "#ff88bb", "#118844": "#55bb77",
+    "#776666": "#998888",
+}  # fmt: skip
+"""Colours, and what each is on dark paper."""
+COLOURS = tuple(DARK)[:6]
 """What was measured, by group: residuals, numbers of poses, algorithms, axes x y z."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
 """Of each group: not told apart by colour alone."""
 
 SIMULATED = COLOURS[0]
-THEORY = "#cc0022"
-ORDER_2 = "#bb8800"
-ORDER_4_SOURCE = "#ee3388"
-ORDER_4_COMPLETE = "#118844"
-ORDER_2_PRINTED = "#776666"  # equation (63) as the source prints it
+# the last: equation (63) as the source prints it
+ORDER_2, ORDER_4_SOURCE, ORDER_4_COMPLETE, ORDER_2_PRINTED = tuple(DARK)[6:]
 INK = "#010203"
 """The colour of the words: it becomes ``currentColor``, so it is dark or light."""
-EXACT = INK
+THEORY = EXACT = INK
 GREY = "#8c8c8c"
 BOUND = GREY
 SHARE = "#d55e00"
 """Of a map of shares that fail, more or less opaque."""
+AREA = "area"
+"""Line style of a band without its middle: what is stated, expected or allowed."""
+LONG_CURVE = 100
+"""Points of a curve beyond which its figure is wide and the page's script zooms it."""
 MANY = 1500
 """Points of a series beyond which it is drawn with fewer, and they say no values."""
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
@@ -65,7 +74,7 @@ class Series:
     # half width of the confidence band about each y
     band: Float[Array, " n"] | None = None
     colour: str = COLOURS[0]
-    line: str = ""  # Matplotlib line style; empty draws points
+    line: str = ""  # Matplotlib line style, or `AREA`; empty draws points
     marker: str = "o"  # Matplotlib marker of the points
     # what the page says of each point on request, in words; empty says nothing
     notes: Sequence[str] = ()
@@ -83,9 +92,17 @@ class Panel:
     log_x: bool = True
     log_y: bool = True
     references: Sequence[tuple[float, str]] = ()  # horizontal lines: height and label
-    spans: Sequence[tuple[float, float]] = ()  # shaded intervals of x
+    # shaded intervals of x, and what they are
+    spans: Sequence[tuple[float, float]] = ()
+    shaded: str = "at rest"
     limits: tuple[float, float] | None = None  # of y; None fits them to what is drawn
     height: float = 1.0  # of its axes, in that of most
+    strips: Sequence["Panel"] = ()  # below it on the same axis
+
+    @property
+    def long(self) -> bool:
+        """True if it has a long curve over a linear axis, such as time."""
+        return not self.log_x and any(len(s.x) > LONG_CURVE for s in self.series)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -143,6 +160,11 @@ class HeatPanel:
 
 
 AnyPanel = Panel | SpherePanel | BarPanel | DotPanel | HeatPanel
+
+
+def shade(colour: str) -> str:
+    """A colour as the page knows it: dark paper has another one (``style.css``)."""
+    return f"var(--x{colour[1:]},{colour})" if colour in DARK else colour
 
 
 def told(panel: AnyPanel) -> str:

@@ -20,7 +20,7 @@ from simval.report.artifacts import arrays, content_of, is_left, listed, shaped
 from simval.report.calibration_page import widest_gap
 from simval.report.curves import MAX_GROUPS
 from simval.report.formatting import slug
-from simval.report.panels import COLOURS, Drawing, SpherePanel
+from simval.report.panels import COLOURS, Drawing, SpherePanel, shade
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import shown_of
 from simval.shapes import Float
@@ -192,8 +192,8 @@ def _line(
     x, y = ends[0]
     return (
         f'<line x1="{SIZE / 2:g}" y1="{SIZE / 2:g}" x2="{x:.1f}" y2="{y:.1f}" '
-        f'stroke="{colour}" stroke-width="{width:g}" stroke-opacity="{opacity:g}" '
-        f'stroke-linecap="round">{moves}</line>'
+        f'stroke="{shade(colour)}" stroke-width="{width:g}" '
+        f'stroke-opacity="{opacity:g}" stroke-linecap="round">{moves}</line>'
     )
 
 

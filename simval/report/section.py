@@ -24,8 +24,8 @@ from markupsafe import Markup
 
 from simval.judge import GateResult, RunComparison
 from simval.report.interactivity import silent
-from simval.report.paint import svg
-from simval.report.panels import MANY, Drawing
+from simval.report.paint import sample, shown
+from simval.report.panels import DARK, MANY, Drawing
 from simval.report.table import Table, sort_key, text
 from simval.spelling import measured
 from simval.studies import STUDIES
@@ -36,7 +36,10 @@ from simval.verdict import Verdict
 
 # ---- templates
 
-SCRIPTS = ("sort.js", "points.js", "legends.js", "filter.js", "folds.js")
+SCRIPTS = (
+    *("sort.js", "points.js", "legends.js", "filter.js", "folds.js"),
+    *("files.js", "zoom.js"),
+)
 """Files of the page's script, one after the other."""
 
 NAMED = 100
@@ -71,8 +74,9 @@ def _environment() -> Environment:
     )
     environment.globals.update(NAMED=NAMED, PRINTED=PRINTED, MANY=MANY, silent=silent)
     environment.globals.update(
-        measured=measured, text=text, sort_key=sort_key, script=script
+        measured=measured, text=text, sort_key=sort_key, script=script, DARK=DARK
     )
+    environment.globals.update(laid_out=shown, sample=sample)
     return environment
 
 
@@ -267,13 +271,9 @@ class Section:
         text = template(self.anchor, "plain").render(
             drawings=self.drawings,
             tables=self.tables,
-            picture=self._picture,
             **{"about": "", **self.values},
         )
         return Markup(text)  # escaped within the template
-
-    def _picture(self, drawing: Drawing) -> Markup:
-        return Markup(svg(drawing))
 
 
 def made(

@@ -279,6 +279,7 @@ _DRAWN = Figure(
     value="efficiency",
     level=1.0,
     log_y=False,
+    ratio=False,
     caption=(
         "Efficiency: the Cramér-Rao bound of the variance over the variance; 1 is the "
         "best that an unbiased estimator can do."
@@ -305,7 +306,9 @@ FIGURES = (
         asked="Are the stated covariances right?",
         what="NEES",
         rows=[NEES],
-        value="measured / predicted",
+        value="NEES",
+        level=None,
+        ratio=True,
         caption=(
             "NEES, the squared error in units of its own covariance, over its mean "
             "by theory: 1 where the covariance is right, above where too small. Of a "
@@ -329,8 +332,7 @@ def statistics_section(context: Context) -> Section | None:
             cells = [c for c in context.cells(study) if _kinds(c, family)]
             every += cells
             if cells:
-                values, ratios = panels_of(figure, _pooled(cells, family))
-                panels += ratios if family == NEES else values
+                panels += panels_of(figure, _pooled(cells, family))
         if panels:
             drawing = Drawing(
                 name=figure.name,

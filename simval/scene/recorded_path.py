@@ -13,10 +13,10 @@ import numpy as np
 from simval.arguments import whole_number
 from simval.arrays import Array, positive_number
 from simval.errors import InputError
-from simval.geometry import conjugate
+from simval.imu.audit.recorded_poses import poses_of
 from simval.imu.audit.simulated import evened
 from simval.imu.logs import read_positions, read_truth
-from simval.path import PosePath, in_body
+from simval.path import PosePath
 from simval.scene.trajectory import Trajectory
 from simval.shapes import Float
 from simval.units import G0
@@ -59,12 +59,8 @@ def recorded_trajectory(
         If the file cannot be read, or the poses have a hole.
     """
     truth = read_truth(str(path), columns=columns)
-    position = read_positions(str(path), columns=columns)
-    q = truth.components
-    q = q if truth.scalar == "last" else np.roll(q, -1, axis=1)
-    there = np.isfinite(q).all(axis=1) & np.isfinite(position).all(axis=1)
-    q = q[there] if turns == "body-to-world" else conjugate(q[there])
-    time = evened("time", truth.time[there] - truth.time[there][0])
+    poses = poses_of(truth, read_positions(str(path), columns=columns), turns)
+    time = evened("time", poses.time - poses.time[0])
     step = np.diff(time)
     if step.max() > 10.0 * np.median(step):
         at = float(time[int(step.argmax())])
@@ -78,13 +74,14 @@ def recorded_trajectory(
     count = whole_number("rows", int(time[-1] * hertz + 1e-6) + 1, 2, MOST)
     at_rows = np.arange(count) / hertz
     fine, coarse = (
-        PosePath(time, position[there], q, k).at(at_rows) for k in (7, COARSE)
+        PosePath(time, poses.position, poses.attitude, k).at(at_rows)
+        for k in (7, COARSE)
     )
     gravity, field = np.array([0.0, 0.0, -G0]), np.array(MAGNETIC)
     force, other = (x.specific_force(np.zeros(3), gravity) for x in (fine, coarse))
     return Trajectory(
         time=at_rows, specific_force=force, angular_velocity=fine.rate,
-        magnetic_field=in_body(fine.attitude, np.broadcast_to(field, force.shape)),
+        magnetic_field=np.vecmat(field, fine.attitude),
         attitude=fine.quaternion, hold=np.full(count, -1, dtype=np.intp), unsettled=(),
         gravity=gravity, magnetic=field, rest_force=0.0, rest_rate=0.0,
         position=fine.position,

@@ -345,6 +345,7 @@ FIGURES = (
         slope=2.0,
         each=True,
         beside=[LEFT],
+        columns=2,
         caption=(
             "Covariance and bias of the simulated error, along the direction that the "
             "exact theory predicts, and over it; then how far each truncated formula "
@@ -368,7 +369,6 @@ FIGURES = (
         unit=DEGREE_OF_QUATERNION,
         value="RMS error",
         single=True,
-        ratio=False,
         caption="Attitude error against noise.",
     ),
     Figure(

@@ -468,7 +468,6 @@ FIGURES = (
         lines=lambda row: f"{_part(row)}, {of_calibration(row).name}",
         value="RMS error",
         single=True,
-        ratio=False,
         slope=None,
         caption="Calibration error against noise.",
     ),

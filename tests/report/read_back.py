@@ -18,7 +18,7 @@ OFF = 0.5
 """Points that a marker may be off: its place and those of the labels are rounded by
 0.05, and an axis reaches at most some four times as far out as its labels."""
 FOOT = 3.6  # of a label below its middle
-REACH = 5.0  # of the cut beyond the axes
+REACH = 4.4  # of the cut beyond the axes
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 
 
@@ -49,10 +49,13 @@ def laws(panel, root, sizes):
     )
     (left, top), (_, foot) = box = start + REACH, start + size - REACH
     words = [w for w in root.iter(f"{SVG}text") if w.get("x")]
-    at = [(number(w.text), float(w.get("x")), float(w.get("y"))) for w in words]
-    below = [(v, x) for v, x, y in at if x > left - 1.0 and foot < y < foot + 20.0]
+    at = [
+        (w.get("text-anchor"), number(w.text), float(w.get("x")), float(w.get("y")))
+        for w in words
+    ]
+    below = [(v, x) for side, v, x, y in at if side == "middle" and y > foot]
     if isinstance(panel, Panel):
-        beside = [(v, y - FOOT) for v, x, y in at if x < left and y < foot + 10.0]
+        beside = [(v, y - FOOT) for side, v, x, y in at if side == "end" and x < left]
         return law(below, panel.log_x), law(beside, panel.log_y), box
     rows = len(panel.names)
     log = (
@@ -66,6 +69,7 @@ def marks(root):
     found = {}
     for path in root.iterfind(f".//{SVG}g[@clip-path]/{SVG}path"):
         colour = path.get("fill") if path.get("stroke") is None else path.get("stroke")
+        colour = re.sub(r"var\(.*,(.*)\)", r"\1", colour)  # that of light paper
         outlines = re.findall(r"M(\S+) ([-\d.]+)(?:h0|l([-\d. ]+)z)", path.get("d"))
         for x, y, steps in outlines:
             steps = np.array(steps.split(), float).reshape(-1, 2)
@@ -78,7 +82,7 @@ def marks(root):
 def data(panel):
     """Colour, x and y of each series that has markers."""
     if isinstance(panel, BarPanel):
-        return [("#cc0022", panel.predicted, np.arange(len(panel.names)))]
+        return [("#010203", panel.predicted, np.arange(len(panel.names)))]
     found = []
     for s in panel.series:
         y = np.asarray(s.y, float)
@@ -93,7 +97,9 @@ def data(panel):
 def off_datum(drawing):
     """Data without a marker at their place, and markers without a datum, by panel."""
     found, count = [], 0
-    for panel in drawing.panels:
+    every = [(p, *getattr(p, "strips", ())) for p in drawing.panels]
+    for panel in (panel for part in every for panel in part):
+        panel = replace(panel, strips=()) if isinstance(panel, Panel) else panel
         every = data(panel) if isinstance(panel, Panel | BarPanel | DotPanel) else []
         if not any(np.isfinite(x).any() for _, x, _ in every):
             continue

@@ -1,19 +1,26 @@
 """The pages of runs in a real browser: headless Chromium, from disk."""
 
+import csv
+import io
 import random
 import re
 import shlex
 import shutil
 import time
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from browser import browser, find_chromium
+from read_back import SVG, law, number
 from stores import edited
 
 from simval.judge import compare_runs
-from simval.report import render, render_comparison, tables
+from simval.report import drawings, render, render_comparison, tables
+from simval.report.log_page import linear, signal
 from simval.report.page import sections
+from simval.report.panels import COLOURS, Drawing
+from simval.report.section import made, template
 from simval.report.table import text
 from simval.spelling import measured
 from simval.statistics import FIRST_ORDER, RMS
@@ -158,7 +165,7 @@ def test_the_first_screen_is_one_screen(tab, pages):
     """Verdict, key numbers and both figures, on a laptop's window."""
     tab.open(pages["sound"], width=1280, height=900)
     box = "(b => [b.left, b.top, b.bottom])(e.getBoundingClientRect())"
-    first = ("verdict", "keys dt", "first svg")
+    first = ("verdict", "keys dt", "first .panels svg")
     boxes = [every(tab, f"#summary .{name}", box) for name in first]
     assert len(boxes[0]) == 1
     assert 3 <= len(boxes[1]) <= 5
@@ -170,7 +177,7 @@ def test_the_first_screen_is_one_screen(tab, pages):
 
 PANELS = """(boxes => [boxes.length, new Set(boxes.map(b => Math.round(b.left))).size,
   Math.max(...boxes.map(b => b.right)), Math.min(...boxes.map(b => b.width))])(
-  [...e.querySelectorAll(':scope > svg')].map(svg => svg.getBoundingClientRect()))"""
+  [...e.querySelectorAll(':scope > div > svg')].map(s => s.getBoundingClientRect()))"""
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -263,7 +270,8 @@ def noted(run, name="summary-calibration"):
     return [
         tuple(words.splitlines())
         for panel in drawing.panels
-        for series in panel.series
+        for each in (panel, *panel.strips)
+        for series in each.series
         for words in series.notes
     ]
 
@@ -282,7 +290,7 @@ def test_a_hover_shows_the_row_of_the_point(opened, run):
         point_at(tab, POINTS, place)
         value, predicted, where, command = told(tab)
         *_, name = shlex.split(command)
-        (letter,) = re.findall(r"\b[TKB]\b", series)
+        letter, *_ = re.findall(r"\b[TKB]\b", series)
         row = cells[name].row(RMS(letter), FIRST_ORDER)
         unit, factor = UNITS[letter]
         number = measured(factor * row.value, factor * row.standard_error)
@@ -293,7 +301,7 @@ def test_a_hover_shows_the_row_of_the_point(opened, run):
         assert where.startswith("calibration: ")
         assert f"{cells[name].parameters['poses']} poses" in where
         seen.add((letter, name))
-    assert len(seen) == len(labels)
+    assert 2 * len(seen) == len(labels)  # over theory the same stands once more
 
 
 def test_the_box_stays_under_the_pointer_and_can_be_dismissed(opened):
@@ -318,9 +326,9 @@ def test_the_box_stays_under_the_pointer_and_can_be_dismissed(opened):
 
 def test_the_keyboard_reaches_every_point_by_one_stop(opened, run):
     tab, stops = opened, f'{FIGURE} circle[tabindex="0"]'
-    tab.run(  # from before the figure
+    tab.run(  # from before the points
         "(() => { const b = document.createElement('button'); b.textContent = 'b';"
-        f"document.querySelector('{FIGURE}').before(b); b.focus(); }})()"
+        f"document.querySelector('{FIGURE} .panels').before(b); b.focus(); }})()"
     )
     tab.press("Tab", 9)
     if tab.run(f"{ACTIVE}.tagName") != "circle":  # the figure's own box may be a stop
@@ -346,7 +354,7 @@ def test_the_keyboard_reaches_every_point_by_one_stop(opened, run):
 
 @pytest.mark.parametrize("keyboard", [False, True])
 def test_an_entry_of_a_legend_hides_its_series_and_nothing_else(opened, keyboard):
-    tab, button = opened, f"{FIGURE} [role=button]"
+    tab, button = opened, f"{FIGURE} .legend button"
 
     def parts(where):
         shown = "[e.dataset.keys, getComputedStyle(e).display !== 'none']"
@@ -354,7 +362,8 @@ def test_an_entry_of_a_legend_hides_its_series_and_nothing_else(opened, keyboard
 
     pressed = "e.getAttribute('aria-pressed')"
     keys, before, everywhere = (
-        *(every(tab, button, "e.dataset.key"), parts(FIGURE), parts("figure")),
+        every(tab, button, "e.parentNode.dataset.key"),
+        *(parts(FIGURE), parts("figure")),
     )
     assert len(keys) >= 3
     assert set(every(tab, button, pressed)) == {"true"}
@@ -365,7 +374,7 @@ def test_an_entry_of_a_legend_hides_its_series_and_nothing_else(opened, keyboard
                 tab.run(f"document.querySelectorAll('{button}')[{place}].focus()")
                 tab.press(*(("Enter", 13, "\r") if hidden else (" ", 32, " ")))
             else:
-                point_at(tab, f"{button} text", place, "mousePressed", "mouseReleased")
+                point_at(tab, button, place, "mousePressed", "mouseReleased")
             assert every(tab, button, pressed)[place] == str(not hidden).lower()
             after = parts(FIGURE)
             assert after == [[k, not (hidden and key in k.split())] for k, _ in before]
@@ -444,13 +453,186 @@ def test_the_button_opens_and_closes_every_fold(opened):
 def test_without_the_script_the_page_is_whole(tab, pages, run):
     """What the script adds is controls; notes and commands are there without it."""
     tab.open(pages["failing"])
-    every(tab, ".filter", "e.remove()")
+    every(tab, ".filter, .tools", "e.remove()")
     whole = every(tab, "main", "e.innerText.length")
     tab.open(pages["plain"])
     assert every(tab, "main", "e.innerText.length") == whole
     titles = every(tab, f"{FIGURE} circle title", "e.textContent")
     assert [tuple(words.splitlines()) for words in titles] == noted(run)
-    assert every(tab, ".filter, .note, [aria-pressed]", "1") == []
+    assert every(tab, ".filter, .note, .tools, [aria-pressed]", "1") == []
     assert len(every(tab, "details.command code", "1")) > 10
     assert every(tab, "#open-all", "e.hidden") == [True]
     assert tab.complaints() == []
+
+
+SAVED = """(() => {
+  window.saved = [];
+  URL.createObjectURL = (blob) => { saved.push(blob); return 'data:,'; };
+  HTMLAnchorElement.prototype.click = function () { saved.push(this.download); };
+})()"""
+
+
+def saved(tab, figure, kind):
+    """Name and text of the file that a figure's button makes, pressed by a key."""
+    tab.run(SAVED)
+    button = f'{figure} .tools [aria-label$=".{kind}"]'
+    tab.run(f"document.querySelector('{button}').focus()")
+    tab.press("Enter", 13, "\r")
+    return tab.run("saved[0].text().then(text => [saved[1], text])")
+
+
+def test_a_figure_offers_the_numbers_that_it_draws(opened, run):
+    name, text = saved(opened, FIGURE, "csv")
+    assert name == "summary-calibration.csv"
+    head, *lines = csv.reader(io.StringIO(text))
+    assert head[:4] == ["panel", "series", "x", "y"]
+    (drawing,) = (d for d in drawings(run) if d.name == "summary-calibration")
+    (panel,) = drawing.panels
+    wanted = [
+        (each.title, s.label, *map(float, (x, y)), half)
+        for each in (panel, *panel.strips)
+        for s in each.series
+        for x, y, half in zip(
+            s.x, s.y, [None] * len(s.x) if s.band is None else s.band, strict=True
+        )
+    ]
+    assert len(wanted) == len(lines) > 9
+    for line, (title, label, x, y, half) in zip(lines, wanted, strict=True):
+        assert line[:2] == [title, label]
+        assert line[5] == panel.x_label
+        # nine digits are written
+        assert [float(line[2]), float(line[3])] == pytest.approx([x, y], rel=1e-8)
+        assert (line[4] == "") == (half is None)
+        assert half is None or float(line[4]) == pytest.approx(half, rel=1e-8)
+
+
+def words_of(picture):
+    return {e.text for e in ElementTree.fromstring(picture).iter(f"{SVG}text")}
+
+
+def test_a_figure_offers_itself_as_it_is_seen_in_light_colours(tab, pages):
+    tab.open(pages["failing"], scheme="dark")
+    unfold(tab)
+    name, text = saved(tab, FIGURE, "svg")
+    assert name == "summary-calibration.svg"
+    assert {"RMS error", "misalignment T, mrad"} <= words_of(text)
+    assert COLOURS[0] in text
+    assert "var(" not in text
+    # what is hidden on the page is not in the file
+    every(tab, f"{FIGURE} .legend button", "e.click()")
+    _, without = saved(tab, FIGURE, "svg")
+    assert "RMS error" in words_of(without)
+    assert "misalignment T, mrad" not in words_of(without)
+
+
+TIME = np.arange(5000) / 100.0
+WAVES = {"sine": np.sin(TIME), "slow": 5.0 * np.sin(0.1 * TIME) ** 2}
+
+
+@pytest.fixture
+def waves(tab, tmp_path):
+    """A page with two signals over the same time."""
+    panels = [
+        linear(name, "time, s", name, [signal(TIME, y, "signal")], spans=[(20.0, 25.0)])
+        for name, y in WAVES.items()
+    ]
+    drawing = Drawing(name="waves", caption="", panels=panels, columns=1)
+    page = tmp_path / "waves.html"
+    page.write_text(
+        template("page").render(
+            title="", version="", source="", sections=[made([drawing]).under("a", "a")]
+        ),
+        encoding="utf-8",
+    )
+    tab.open(page)
+    yield tab
+    assert tab.complaints() == []
+
+
+LINES = "e.querySelector('g[data-keys] path').getAttribute('d')"
+
+
+def seen(tab):
+    """What is seen of each panel: ends of the time, and its line, by its own labels."""
+    found = []
+    for i, box in enumerate(every(tab, "[data-axes]", "e.dataset.axes")):
+        left, top, right, foot = map(float, box.split()[:4])
+        sheet = f"(e => e)(document.querySelectorAll('[data-axes]')[{i}])"
+        words = "[e.textContent, +e.getAttribute('x'), +e.getAttribute('y')]"
+        beside = tab.run(f"[...{sheet}.querySelectorAll('g.y text')].map(e => {words})")
+        up = law([(number(word), y - 3.6) for word, _, y in beside], log=False)
+        below = every(
+            tab, "[data-axes]:last-of-type g.x text[text-anchor=middle]", words
+        )
+        across = law([(number(word), x) for word, x, _ in below], log=False)
+        d = tab.run(f"(e => {LINES})({sheet})")
+        line = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", d), float)
+        x, y = (
+            (places - f(0.0)) / (f(1.0) - f(0.0))
+            for places, f in zip(line.T, (across, up), strict=True)
+        )
+        inside = (line[:, 0] >= left) & (line[:, 0] <= right)
+        ends = [
+            (end - across(0.0)) / (across(1.0) - across(0.0)) for end in (left, right)
+        ]
+        share = np.ptp(line[inside, 1]) / (foot - top)
+        found.append((*ends, x[inside], y[inside], share))
+    return found
+
+
+def check(found, low, high):
+    """All panels show this part of the time, and the signals are where they were."""
+    for (name, y), (first, last, times, values, share) in zip(
+        WAVES.items(), found, strict=True
+    ):
+        # labels and places are rounded to 0.1 of 290 points
+        assert (first, last) == pytest.approx((low, high), abs=2e-3 * (high - low)), (
+            name
+        )
+        assert 0.9 < share < 0.92, name  # it has the whole height less its margins
+        assert np.abs(values - np.interp(times, TIME, y)).max() < 0.01 * np.ptp(y), name
+        assert len(times) > 8
+
+
+def test_a_part_of_the_time_is_seen_by_keyboard_and_all_again(waves):
+    tab, svg = waves, "document.querySelector('svg.long')"
+    before = tab.run(f"{svg}.innerHTML")
+    whole = seen(tab)
+    low, high = whole[0][:2]
+    check(whole, low, high)
+    tab.run(f"{svg}.focus()")
+    tab.press("+", 187, "+")
+    tab.press("+", 187, "+")
+    middle, part = (low + high) / 2.0, (high - low) / 8.0
+    check(seen(tab), middle - part, middle + part)
+    tab.press("ArrowRight", 39)
+    check(seen(tab), middle - part / 2.0, middle + 1.5 * part)
+    tab.press("-", 189, "-")
+    check(seen(tab), middle - 1.5 * part, middle + 2.5 * part)
+    tab.press("0", 48, "0")
+    assert tab.run(f"{svg}.innerHTML") == before
+    assert every(tab, ".tools button", "e.hidden") == [True, False, False]
+
+
+def test_a_part_of_the_time_is_seen_by_a_drag(waves):
+    tab, svg = waves, "document.querySelector('svg.long')"
+    before = tab.run(f"{svg}.innerHTML")
+    low, high = seen(tab)[0][:2]
+    x, y, wide, view = tab.run(
+        f"(r => [r.x, r.y, r.width, {svg}.viewBox.baseVal.width])"
+        f"({svg}.getBoundingClientRect())"
+    )
+    box = every(tab, "[data-axes]", "e.dataset.axes")[0].split()
+    left, right = float(box[0]), float(box[2])
+    at = [
+        x + wide / view * (left + share * (right - left)) for share in (0.3, 0.5, 0.6)
+    ]
+    mouse(tab, at[0], y + 60.0, "mousePressed")
+    mouse(tab, at[1], y + 60.0)
+    assert every(tab, ".chosen", "1") == [1]
+    mouse(tab, at[2], y + 60.0, "mouseReleased")
+    assert every(tab, ".chosen", "1") == []
+    # the mouse is at whole pixels or near them
+    check(seen(tab), low + 0.3 * (high - low), low + 0.6 * (high - low))
+    every(tab, ".tools button", "e.textContent === 'Show all' && e.click()")
+    assert tab.run(f"{svg}.innerHTML") == before

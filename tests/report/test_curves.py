@@ -32,7 +32,7 @@ from simval.report.curves import (
     order,
     ratio,
     ratio_bars,
-    ratio_panel,
+    ratio_strips,
     simultaneous,
 )
 from simval.report.findings import (
@@ -46,7 +46,7 @@ from simval.report.findings import (
 from simval.report.formatting import PARAMETERS, named
 from simval.report.marks import framed
 from simval.report.paint import svg
-from simval.report.panels import DotPanel, Drawing, Series
+from simval.report.panels import DotPanel, Drawing, Panel, Series
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.results import CellName
 from simval.spelling import measured
@@ -74,6 +74,23 @@ def made(sigmas, *, error=0.01, prediction=None, x=X, remainder=None):
 # ratios
 
 
+def strips(curves, z, lines=()):
+    """What stands below a panel of these curves."""
+    panel = Panel(title="", x_label="", y_label="")
+    return ratio_strips(panel, "theory", dict(enumerate(curves)), z, lines)
+
+
+def test_curves_that_would_cover_each_other_have_strips_on_one_scale():
+    curves = [made([3.0, -1.0, 0.0]), made([0.0, 0.0, 20.0])]
+    one, other = strips(curves, 2.0, [Series(label="line", x=X, y=X, line="-")])
+    assert one.limits == other.limits
+    for place, (strip, c) in enumerate(zip((one, other), curves, strict=True)):
+        (points,) = strip.series  # and no line, which is over one of them alone
+        np.testing.assert_array_equal(points.y, ratio(c).value)
+        assert points.x.tolist() == X.tolist()  # at their data
+        assert points.colour == panels.COLOURS[place]
+
+
 def test_a_ratio_is_measured_over_predicted_with_its_error():
     over = ratio(made([1.0, -2.0, 0.0], prediction=np.array([2.0, -4.0, 0.5])))
     np.testing.assert_allclose(over.value, [1.01, 0.98, 1.0], rtol=4 * EPS)
@@ -88,7 +105,7 @@ def test_a_ratio_is_measured_over_predicted_with_its_error():
 
 
 def test_the_axis_of_a_ratio_is_about_one_and_holds_every_band():
-    panel = ratio_panel("", "", [made([3.0, -1.0, 0.0])], 2.0)
+    (panel,) = strips([made([3.0, -1.0, 0.0])], 2.0)
     low, high = panel.limits
     assert 1.0 - low == pytest.approx(high - 1.0, rel=1e-12)
     (points,) = panel.series
@@ -111,7 +128,7 @@ def test_a_band_wider_than_one_is_no_ratio():
     z, names = 2.0, ["a", "b", "c"]
     for error, shown in ((0.99, True), (1.01, False)):
         c = made([0.0, 0.0, 0.0], error=error * SEEN / z)
-        assert (ratio_panel("", "", [c], z) is not None) == shown
+        assert (strips([c], z) != []) == shown
         assert (ratio_bars("", names, [c], z) is not None) == shown
 
 
@@ -121,14 +138,14 @@ def test_a_ratio_to_nothing_is_left_out_and_other_lines_do_not_widen_the_axis(ba
     # with all that is said of the points
     assert [*ratio(replace(c, names=["a", "b", "c"])).names] == ["a", "c"]
     line = Series(label="far", x=X, y=np.array([1.0, 5.0, 50.0]), line="-")
-    panel, wider = (ratio_panel("", "", [c], 2.0, lines) for lines in ((), [line]))
+    (panel,), (wider,) = (strips([c], 2.0, lines) for lines in ((), [line]))
     assert panel.series[0].x.tolist() == [0.001, 0.1]
     assert wider.limits == panel.limits
     # and what overflows has no place
     for value, small in itertools.product((1e308, -1e308, np.inf), (1.0, 1e-200)):
         far = replace(c, value=np.array([value, 2.02, 2.02]))
         far = replace(far, prediction=np.array([small, bad, 2.0]))
-        low, high = ratio_panel("", "", [far], 2.0).limits
+        ((low, high),) = (each.limits for each in strips([far], 2.0))
         assert low < 1.0 < high < np.inf
 
 
@@ -464,7 +481,7 @@ def test_bars_say_their_values_where_they_end():
     cell = small_runs.cell_of("attitude", rows)
     panel = bars([(cell, r) for r in rows], names, "parts", "mrad", MILLIRADIAN)
     assert panel.notes[1].startswith("2.000 ± 0.010 mrad, n = 9\npredicted 2.2 mrad")
-    (ends,) = framed(panel, 0).points
+    (ends,) = framed(panel, []).points
     assert (ends.x.tolist(), ends.y.tolist()) == ([1.0, 2.0], [1.0, 0.0])
     drawn = svg(Drawing(name="b", caption="", alternative="parts", panels=[panel]))
     assert drawn.count("<circle") == 2
@@ -481,11 +498,17 @@ def luminance(colour):
     return float(linear @ [0.2126, 0.7152, 0.0722]), linear
 
 
-PAPERS = (1.0, luminance("#151618")[0])
-ROLES = (
-    *(panels.SIMULATED, panels.THEORY, panels.ORDER_2, panels.ORDER_4_SOURCE),
-    *(panels.ORDER_4_COMPLETE, panels.ORDER_2_PRINTED),
-)
+FORMULAS = (panels.ORDER_2, panels.ORDER_4_SOURCE, panels.ORDER_4_COMPLETE)
+ROLES = (panels.SIMULATED, *FORMULAS, panels.ORDER_2_PRINTED)
+PAPERS = {"light": ("#ffffff", "#16191d"), "dark": ("#14171b", "#e8eaed")}
+"""Paper and ink of the page."""
+
+
+def on(paper, colours):
+    """Colours as they are on a paper."""
+    return [panels.DARK.get(c, c) if paper == "dark" else c for c in colours]
+
+
 # Machado, Oliveira and Fernandes 2009, full deficiency, on linear RGB
 VISION = {
     "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
@@ -496,11 +519,12 @@ VISION = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("colour", sorted({*ROLES, *panels.COLOURS, panels.GREY}))
-def test_a_colour_is_seen_on_white_and_on_dark_paper(colour):
-    y, _ = luminance(colour)
-    for paper in PAPERS:
-        low, high = sorted((y, paper))
+@pytest.mark.parametrize("paper", PAPERS)
+def test_a_colour_is_seen_on_light_and_on_dark_paper(paper):
+    ground, ink = (luminance(each)[0] for each in PAPERS[paper])
+    seen = [luminance(c)[0] for c in on(paper, [*panels.DARK, panels.GREY])]
+    for y in (*seen, ink):
+        low, high = sorted((y, ground))
         assert (high + 0.05) / (low + 0.05) >= 3.0  # WCAG 2.1, 1.4.11: graphics
 
 
@@ -512,10 +536,13 @@ def lab(linear):
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
+@pytest.mark.parametrize("paper", PAPERS)
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize(("colours", "least"), [(ROLES, 12.0), (panels.COLOURS, 10.0)])
-def test_colours_are_told_apart_with_every_vision(colours, least, vision):
+def test_colours_are_told_apart_with_every_vision(colours, least, vision, paper):
     """CIE76 beyond 10 is a difference at a glance; lines and markers add to it."""
+    ink = [PAPERS[paper][1]] * (colours is ROLES)  # of theory
+    colours = [*on(paper, colours), *ink]
     seen = [lab(np.array(VISION[vision]) @ luminance(c)[1]) for c in colours]
     for a, b in itertools.combinations(range(len(seen)), 2):
         assert np.linalg.norm(seen[a] - seen[b]) > least, (colours[a], colours[b])

@@ -100,7 +100,7 @@ def test_the_words_of_the_smoke_page(smoke_run):
 
 
 def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
-    figures = re.findall(r"<svg.*?</svg>\n", page, flags=re.DOTALL)
+    figures = re.findall(r"<svg xmlns.*?</svg>\n", page, flags=re.DOTALL)
     assert len(figures) >= 6
     for figure in figures:
         root = ElementTree.fromstring(figure)

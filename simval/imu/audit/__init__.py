@@ -1,12 +1,13 @@
 """Audit of simulated IMUs: what a simulator reads, and what an ideal sensor would.
 
 `simulated`     readings beside poses, and what is declared
-`terms`         what may be wrong of each sensor, as columns
-`regression`    their products in bands of frequency, and the fewest that explain
+`pieces`        parts whose truth is smooth
+`terms`         what may be wrong: a table, with its words
+`ideal`         ideal readings, and the columns of what may be wrong
+`regression`    the fewest that explain, by bands of frequency
 `fewest`        one sensor, judged
 `reckoning`     where the readings lead
 `noise_claims`  noise as claimed, and axes that share a seed
-`words`         what is wrong in words, and what would make that
 `audit`         all of it
 """
 

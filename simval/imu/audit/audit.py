@@ -1,30 +1,24 @@
 """The audit of a simulated IMU: what is right, what is wrong, what cannot be told."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Told, Values
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.imu.audit import words
-from simval.imu.audit.fewest import SensorAudit, judged, look, pieces_or_refuse
+from simval.imu.audit.fewest import Flags, Item, SensorAudit, judged
+from simval.imu.audit.ideal import Ideal
 from simval.imu.audit.noise_claims import Claim, Shared, claims
+from simval.imu.audit.pieces import pieces_of
 from simval.imu.audit.reckoning import Reckoning, reckoned
-from simval.imu.audit.simulated import Declared, SimulatedImu
-from simval.imu.audit.terms import (
-    ENDS,
-    AccelerometerTerms,
-    GyroscopeTerms,
-    Piece,
-    SensorTerms,
-    pieces_of,
-)
+from simval.imu.audit.regression import TINY
+from simval.imu.audit.simulated import SENSORS, Declared, SimulatedImu
+from simval.imu.audit.terms import FRAMES, NEAR
 from simval.shapes import Float
-from simval.spelling import chance, counted
+from simval.spelling import chance, counted, measured
 from simval.text import number
 
 ALPHA: Final = 1e-3
@@ -37,10 +31,9 @@ QUESTIONS: Final = (
     "constant", "spikes", "reckoning", "noise",
 )  # fmt: skip
 """What `only` takes: Euler, centripetal and transport terms belong to the lever."""
-_PART_OF: Final = {
-    "Euler": "lever", "centripetal": "lever", "transport": "lever", "rate": "instants",
-    "difference": "instants",
-}  # fmt: skip
+READ: Final = {"gyroscope": "body's rate", "accelerometer": "specific force"}
+FIXED: Final = "has gravity fixed to the sensor's {axis} axis"
+UNTURNED: Final = "gravity is added without turning it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,25 +102,44 @@ class Audit(Told):
 
     def _wrong(self, found: SensorAudit) -> Iterator[tuple[str, str]]:
         if found.frame and "frame" in self.only:
-            yield words.frame_words(found)
-        lever = np.zeros(3) if found.name == "gyroscope" else self.lever
-        items, down = found.items, self.declared.down
-        for name, item in items.items():
-            if not (item.wrong and self._asked(name)):
+            yield FRAMES[found.frame]
+        constant, g = found.items["constant"], np.linalg.norm(self.declared.down)
+        of_gravity = abs(np.linalg.norm(constant.value) / g - 1.0) < NEAR
+        fixed = False  # whether the constant stands for gravity, and was said
+        for item in found.items.values():
+            if not (item.wrong and item.term.question in self.only):
                 continue
-            if name == "gravity":
-                up, g = -down / np.linalg.norm(down), float(np.linalg.norm(down))
-                constant = items["constant"].value * items["constant"].wrong
-                yield words.gravity_words(item, up, constant @ found.mount.T, g)
-            elif name == "constant" and items.get("gravity") and items["gravity"].wrong:
-                continue
-            elif name == "lever" and self.declared.lever is not None:
-                yield words.sentence(item, found, self.declared.lever)
-            else:
-                yield words.sentence(item, found, lever)
+            x, what, made = self._sentence(item)
+            if item.name == "gravity" and abs(x) < NEAR and constant.wrong:
+                fixed = bool(of_gravity)
+                axis = "xyz"[int(np.abs(found.mount @ constant.value).argmax())]
+                what, made = (
+                    (FIXED.format(axis=axis), UNTURNED) if fixed else (what, made)
+                )
+            if not (fixed and item.name == "constant"):
+                yield what, made
 
-    def _asked(self, name: str) -> bool:
-        return _PART_OF.get(name, name) in self.only
+    def _sentence(self, item: Item) -> tuple[float, str, str]:
+        # value, and the first of the term's sayings that holds it
+        term, off, sd = item.term, item.value, float(item.sd[0])
+        right: Array = np.zeros(len(off))
+        x = term.right + float(off[0])
+        if term.vector:  # how many times what is right, with nothing aside of it
+            right = self.declared.up if item.name == "gravity" else self.lever
+            size = max(float(np.linalg.norm(right)), TINY)
+            x = float((right + off) @ right) / size**2
+            x = x if np.linalg.norm(right + off - x * right) <= NEAR * size else np.nan
+        *_, what, made = next(
+            (each for each in term.says if each[0] <= x <= each[1]), term.says[-1]
+        )
+        stated = item.name == "lever" and self.declared.lever is not None
+        words = what.format(
+            x=x, one=measured(x, sd), size=measured(abs(x), sd), steps=2.0 * x,
+            angle=np.degrees(np.abs(off).max()), place=_vector(right + off),
+            down=_vector(-right - off), right=_vector(right),
+            by="declared" if stated else "the sensor's",
+        )  # fmt: skip
+        return x, words, made
 
     def untold(self, found: SensorAudit) -> dict[str, str]:
         """State what the motion cannot tell of a sensor, and the motion that would.
@@ -143,194 +155,178 @@ class Audit(Told):
             By the name of a term.
         """
         return {
-            words.TITLES[name] + _axes(found.items[name].judged): words.TOLD_BY[name]
-            for name in words.ASKED[found.name]
-            if name in found.items and self._asked(name)
-            and not (found.items[name].judged.all() or found.items[name].wrong)
+            item.term.title + _axes(item.judged): item.term.needs
+            for item in found.items.values()
+            if item.term.needs and item.term.question in self.only
+            and not (item.judged.all() or item.wrong)
         }  # fmt: skip
 
     @property
     def account(self) -> Account:
         """What there is to say."""
-        replies = [self._of_sensor(each) for each in self.sensors]
-        more = self._of_spikes(), self._of_reckoning(), self._of_noise()
-        replies += [each for each in more if each is not None]
+        facts = [Fact("rate", f"a right simulator is refused in {self.alpha:g}")]
+        if len(self.rough):
+            said = f"{counted(len(self.rough), 'row')} where the poses are not smooth"
+            facts.append(
+                Fact(
+                    "left out", f"{said}, as at {_three(self.rough[:3], '.4g')} s", True
+                )
+            )
+        replies = [*map(self._of_sensor, self.sensors)]
+        if len(self.spikes) and "spikes" in self.only:
+            replies.append(Reply(
+                title="Are there readings far from the others?", answer="fail",
+                headline=f"Yes: {counted(len(self.spikes), 'row')}, at "
+                f"{_three(self.spikes[:5], '.4g')} s.",
+                do="Look at what the simulator reads at its start, a reset, a contact.",
+            ))  # fmt: skip
+        if self.reckoning is not None and "reckoning" in self.only:
+            replies.append(self._of_reckoning(self.reckoning))
+        if "noise" in self.only and (self.claims or self.declared.noise):
+            replies.append(self._of_noise())
         return Account(
             title="Audit of", source=self.source, said=self.said, replies=replies,
-            values=[self._values(each) for each in self.sensors], facts=self._facts(),
+            values=[*map(self._values, self.sensors)], facts=facts,
         )  # fmt: skip
 
     def _of_sensor(self, found: SensorAudit) -> Reply:
-        what = {"gyroscope": "body's rate", "accelerometer": "specific force"}[
-            found.name
-        ]
-        title = f"Does the {found.name} read the {what}?"
-        wrong, untold = list(self._wrong(found)), self.untold(found)
-        lines = tuple(
-            f"{words.TITLES[each.name]}: off by {number(off, 2)}, allowed "
-            f"{number(float(each.allowed.max()), 2)} {words.UNITS.get(each.name, '')}"
-            for each in found.items.values()
-            for off in [float(np.abs(each.value).max())]
-        )
+        wrong, untold = [*self._wrong(found)], self.untold(found)
+        left = f"{100.0 * found.unexplained:.2g} % is left"
+        read = f"each row is {_rows_of(found.instant)}"
+        answer: Answer = "pass"
+        said, do = f"Yes: {read}.", ""
         if wrong:
-            said = "; ".join(each for each, _ in wrong)
-            if found.unexplained:
-                said += f"; {100.0 * found.unexplained:.2g} % is left unexplained"
-            made = "; ".join(dict.fromkeys(why for _, why in wrong if why))
-            return Reply(
-                title=title, answer="fail", headline=f"No: it {said}.",
-                do=f"What would make that: {made}.", lines=lines,
-            )  # fmt: skip
-        if found.unexplained:
+            answer = "fail"
+            every = [what for what, _ in wrong]
+            every += [f"{left} unexplained"] if found.unexplained else []
+            said = f"No: it {'; '.join(every)}."
+            made = dict.fromkeys(made for _, made in wrong)
+            do = f"What would make that: {'; '.join(made)}."
+        elif found.unexplained:
             much = found.unexplained > MUCH
+            answer = "fail" if much else "inconclusive"
             said = (
-                f"{'No' if much else 'Not quite'}: {100.0 * found.unexplained:.2g} % "
-                "is left, which no term explains, alone or three together."
+                f"{'No' if much else 'Not quite'}: {left}, which no term explains, "
+                "alone or three together."
             )
             do = "Look where it is left: a contact, a limit, what is held over a step."
-            answer: Answer = "fail" if much else "inconclusive"
-            return Reply(title=title, answer=answer, headline=said, do=do, lines=lines)
-        read = f"each row is {words.rows_of(found.instant)}"
-        if untold:
+        elif untold:
+            answer = "inconclusive"
+            said = (
+                f"As far as this motion tells: {read}. Not judged: {', '.join(untold)}."
+            )
             more = "; ".join(dict.fromkeys(untold.values()))
-            return Reply(
-                title=title, answer="inconclusive", lines=lines,
-                headline=f"As far as this motion tells: {read}. Not judged: "
-                f"{', '.join(untold)}.",
-                do=f"To judge all: {more}. Or ask for less (--only).",
-            )  # fmt: skip
-        return Reply(title=title, headline=f"Yes: {read}.", lines=lines)
-
-    def _of_spikes(self) -> Reply | None:
-        if not len(self.spikes) or "spikes" not in self.only:
-            return None
-        shown = ", ".join(f"{t:.4g}" for t in self.spikes[:5])
+            do = f"To judge all: {more}. Or ask for less (--only)."
         return Reply(
-            title="Are there readings far from the others?", answer="fail",
-            headline=f"Yes: {counted(len(self.spikes), 'row')}, at {shown} s.",
-            do="Look at what the simulator reads at its start, a reset, a contact.",
+            title=f"Does the {found.name} read the {READ[found.name]}?", answer=answer,
+            headline=said, do=do, lines=tuple(
+                f"{x.term.title}: off by {number(float(np.abs(x.value).max()), 2)}, "
+                f"allowed {number(float(x.allowed.max()), 2)} {x.term.unit}"
+                for x in found.items.values()
+            ),
         )  # fmt: skip
 
-    def _of_reckoning(self) -> Reply | None:
-        r = self.reckoning
-        if r is None or "reckoning" not in self.only:
-            return None
-        said = (
-            f"{_length(r.position)} and {_length(r.velocity)}/s off after "
-            f"{r.seconds:.3g} s; sampling, noise and bias allow {_length(r.allowed)}"
+    def _of_reckoning(self, found: Reckoning) -> Reply:
+        position, velocity, allowed, instants = (
+            f"{1e3 * x:.3g} mm" if x < 1.0 else f"{x:.3g} m"
+            for x in (found.position, found.velocity, found.allowed, found.instants)
         )
-        if r.instants > 2.0 * max(r.allowed, r.position):
-            said += f", and rows taken for instants lead {_length(r.instants)} off"
-        wrong = any(True for each in self.sensors for _ in self._wrong(each))
-        answer: Answer = "pass" if r.good else "fail" if wrong else "inconclusive"
+        said = (
+            f"{position} and {velocity}/s off after {found.seconds:.3g} s; sampling, "
+            f"noise and bias allow {allowed}"
+        )
+        if found.instants > 2.0 * max(found.allowed, found.position):
+            said += f", and rows taken for instants lead {instants} off"
+        wrong = bool(self.wrong())
         return Reply(
-            title="Do the readings lead back to the poses?", answer=answer,
-            headline=f"{'Yes' if r.good else 'No'}: {said}.",
-            do="" if r.good or wrong else "Something is off that is not asked here.",
+            title="Do the readings lead back to the poses?",
+            answer="pass" if found.good else "fail" if wrong else "inconclusive",
+            headline=f"{'Yes' if found.good else 'No'}: {said}.",
+            do="" if found.good or wrong
+            else "Something is off that is not asked here.",
         )  # fmt: skip
 
-    def _of_noise(self) -> Reply | None:
-        if "noise" not in self.only:
-            return None
-        title = "Is the noise as declared, and of each axis its own?"
-        level = self.alpha / PARTS / max(3 * len(self.sensors), 1)
-        far = [
-            x for x in self.claims if x.chances is not None and x.chances.min() < level
+    def _of_noise(self) -> Reply:
+        level = self.alpha / PARTS / (3 * len(self.sensors))
+        told = {each.name for each in self.claims}
+        silent = [name for name in self.declared.noise if name not in told]
+        densities = {x.name: _three(x.density) for x in self.claims}
+        wrong = [
+            f"the {x.name}'s Allan variance is not that of N, B, K = "
+            f"{_three(x.claimed)} ({chance(x.chance)}); N is {densities[x.name]}"
+            for x in self.claims if x.claimed and x.chance < level
+        ]  # fmt: skip
+        wrong += [
+            f"{one} and {other} have one noise (correlation {r:.2f})"
+            for one, other, r in self.shared
         ]
-        judged_names = {each.name for each in self.claims}
-        silent = [name for name in self.declared.noise if name not in judged_names]
-        if far or self.shared:
-            said = [
-                f"the {x.name}'s Allan variance is not that of N, B, K = "
-                f"{', '.join(f'{c:.3g}' for c in x.claimed or ())} "
-                f"({chance(float(x.chances.min()))}); N is {_three(x.density)}"
-                for x in far if x.chances is not None
-            ]  # fmt: skip
-            said += [
-                f"{one} and {other} have one noise (correlation {r:.2f})"
-                for one, other, r in self.shared
-            ]
-            return Reply(
-                title=title, answer="fail", headline=f"No: {'; '.join(said)}.",
-                do="Check seeds, and densities: per root hertz, times the rate's root.",
-            )  # fmt: skip
-        if silent:
-            return Reply(
-                title=title, answer="inconclusive",
-                headline=f"Not judged: what the {' and '.join(silent)} leaves is no "
-                "noise, or too short.",
-                do="Record 500 rows or more, with poses in double precision.",
-            )  # fmt: skip
-        if not self.claims:
-            return None
-        said = [f"N of the {x.name} is {_three(x.density)}" for x in self.claims]
+        answer: Answer = "fail" if wrong else "inconclusive" if silent else "pass"
+        said = "; ".join(f"N of the {name} is {x}" for name, x in densities.items())
         own = "Yes" if self.declared.noise else "None is declared"
-        return Reply(title=title, headline=f"{own}: {'; '.join(said)}.")
+        left = f"what the {' and '.join(silent)} leaves is no noise, or too short"
+        return Reply(
+            title="Is the noise as declared, and of each axis its own?", answer=answer,
+            headline={
+                "fail": f"No: {'; '.join(wrong)}.",
+                "inconclusive": f"Not judged: {left}.",
+                "pass": f"{own}: {said}.",
+            }[answer],
+            do={
+                "fail": "Check seeds, and densities: per root hertz, times the rate's "
+                "root.",
+                "inconclusive": "Record 500 rows or more, with poses in double "
+                "precision.",
+                "pass": "",
+            }[answer],
+        )  # fmt: skip
 
     def _values(self, found: SensorAudit) -> Values:
-        lines = []
-        for item in found.items.values():
-            cells = [
-                Quantity(n, float(v), float(sd) if np.isfinite(sd) else None)
-                for n, v, sd in zip("xyz", item.value[:3], item.sd, strict=False)
-            ]
-            known = item.name not in ("axes", "constant") and item.judged.all()
-            if (known or item.wrong) and np.isfinite(item.sd).all():
-                lines.append(Line(words.TITLES[item.name],
-                                  words.UNITS.get(item.name, ""), cells))  # fmt: skip
-        facts = [Fact("rows", words.rows_of(found.instant)),
-                 Fact("late in all", f"{found.delay:.3g} ± {found.delay_sd:.2g} steps, "
-                      f"{1e3 * found.delay * self.step:.4g} ms")]  # fmt: skip
-        for name, (value, sd) in found.fitted.items():
-            if name != "mount":
-                facts.append(Fact(f"{name} fitted", _fitted(value, sd)))
-        if self.declared.mount is None:
-            rows = "; ".join(" ".join(f"{x:+.4f}" for x in row) for row in found.mount)
-            facts.append(Fact("mount fitted", rows))
+        lines = [
+            Line(x.term.title, x.term.unit, [*map(Quantity, "xyz", x.value, x.sd)])
+            for x in found.items.values()
+            if (x.wrong or (x.judged.all() and x.name not in ("axes", "constant")))
+            and np.isfinite(x.sd).all()
+        ]
+        facts = [
+            Fact("rows", _rows_of(found.instant)),
+            Fact("late in all", f"{found.delay:.3g} ± {found.delay_sd:.2g} steps, "
+                 f"{1e3 * found.delay * self.step:.4g} ms"),
+        ]  # fmt: skip
+        for name, values in found.fitted.items():
+            said = [f"{v:.6g} ± {sd:.2g}" for v, sd in zip(*values, strict=True)]
+            if name == "mount":
+                rows = [_three(row, "+.4f", " ") for row in found.mount]
+                said = ["; ".join(rows)]
+            facts.append(Fact(f"{name} fitted", ", ".join(said)))
         return Values(
             title=f"{found.name}: off what is right", lines=lines, facts=facts
         )
-
-    def _facts(self) -> tuple[Fact, ...]:
-        facts = [Fact("rate", f"a right simulator is refused in {self.alpha:g}")]
-        if len(self.rough):
-            first = ", ".join(f"{t:.4g}" for t in self.rough[:3])
-            rows = counted(len(self.rough), "row")
-            said = f"{rows} where the poses are not smooth, as at {first} s"
-            facts.append(Fact("left out", said, True))
-        return tuple(facts)
 
     def as_object(self) -> dict[str, Any]:
         """Return all as plain JSON values."""
         sensors = {
             each.name: {
-                "rows": words.rows_of(each.instant), "delay_steps": each.delay,
+                "rows": _rows_of(each.instant), "delay_steps": each.delay,
                 "delay_sd_steps": _plain(each.delay_sd),
                 "frame": each.frame or "sensor",
                 "mount": each.mount.tolist(), "noise_of_a_row": each.deviation.tolist(),
                 "fitted": {k: {"value": v.tolist(), "sd": _plain(s)}
                            for k, (v, s) in each.fitted.items()},
                 "terms": {
-                    name: {
-                        "off": x.value.tolist(), "sd": _plain(x.sd),
-                        "allowed": _plain(x.allowed), "wrong": bool(x.wrong),
-                        "judged": [bool(j) for j in x.judged],
-                    }
+                    name: dict(zip(("off", "sd", "allowed", "wrong", "judged"),
+                                   map(_plain, x[1:]), strict=True))
                     for name, x in each.items.items()
                 },
             }
             for each in self.sensors
         }  # fmt: skip
+        wrong = [{"sensor": a, "what": b, "made_by": c} for a, b, c in self.wrong()]
         return {
             "source": self.source, "answer": self.answer, "exit_code": self.exit_code,
             "alpha": self.alpha, "step": self.step, "lever": self.lever.tolist(),
-            "wrong": [
-                {"sensor": a, "what": b, "made_by": c} for a, b, c in self.wrong()
-            ],
+            "wrong": wrong, "sensors": sensors, "spikes": self.spikes.tolist(),
             "not_judged": {x.name: self.untold(x) for x in self.sensors},
-            "sensors": sensors,
             "reckoning": None if self.reckoning is None else self.reckoning._asdict(),
-            "spikes": self.spikes.tolist(),
         } | self.account.as_object()  # fmt: skip
 
 
@@ -371,123 +367,59 @@ def audit(
     if unknown:
         msg = f"`only` has {unknown[0]!r}; it is of {', '.join(QUESTIONS)}"
         raise InputError(msg)
-    pieces, rough = pieces_of(imu)
-    pieces_or_refuse(pieces)
+    pieces = pieces_of(imu)
     found: dict[str, SensorAudit] = {}
     guess: Array | None = None
     rate = alpha / PARTS
-    kinds: Mapping[str, type[SensorTerms]] = {
-        "gyroscope": GyroscopeTerms, "accelerometer": AccelerometerTerms,
-    }  # fmt: skip
-    for name, kind in kinds.items():
+    for name in SENSORS:
         if getattr(imu, name) is None:
             continue
-        sensor = kind(declared, imu.step)
-        seen = look(sensor, pieces, guess, 0.0)
-        found[name] = judged(sensor, pieces, rate, seen.state, seen.frame)
-        if not seen.frame:
+        found[name] = judged(Ideal(name, declared, imu.step), pieces, rate, guess)
+        if not found[name].frame:
             guess = found[name].mount
     gyro, force = found.get("gyroscope"), found.get("accelerometer")
-    lever = _lever(declared, force)
+    lever = np.zeros(3) if declared.lever is None else declared.lever
+    if force is not None:
+        lever = force.fitted.get("lever", (lever,))[0]
     made, pairs, least = claims([*found.values()], 1.0 / imu.step, declared.noise)
+    spikes = np.unique(np.concatenate([each.spikes for each in found.values()]))
+    rows = sum(len(each.time) for each in pieces.smooth)
     return Audit(
-        source=imu.source, said=_said(imu, pieces), gyroscope=gyro, accelerometer=force,
-        lever=lever, declared=declared, claims=tuple(made), step=imu.step, alpha=alpha,
-        reckoning=_reckoned(pieces, gyro, force, lever, declared),
-        shared=tuple(pairs) if least < rate else (),
-        rough=np.concatenate([np.zeros(0), *rough]) + imu.origin,
-        spikes=_spikes(imu, found, pieces, lever, declared),
-        only=tuple(only) or QUESTIONS,
+        source=imu.source, gyroscope=gyro, accelerometer=force, lever=lever,
+        said=f"{counted(rows, 'row')} of {counted(len(imu.time), 'row')} in "
+        f"{counted(len(pieces.smooth), 'piece')}, {1.0 / imu.step:.6g} Hz, "
+        f"{counted(len(imu.poses), 'pose')}",
+        declared=declared, claims=tuple(made), step=imu.step, alpha=alpha,
+        reckoning=None if gyro is None or force is None
+        else reckoned(pieces.smooth, gyro, force, lever, declared),
+        shared=tuple(pairs) if least < rate else (), rough=pieces.rough + imu.origin,
+        spikes=spikes + imu.origin, only=tuple(only) or QUESTIONS,
     )  # fmt: skip
 
 
-def _lever(declared: Declared, force: SensorAudit | None) -> Array:
-    if declared.lever is not None:
-        return declared.lever
-    if force is None or "lever" not in force.fitted:
-        return np.zeros(3)
-    return force.fitted["lever"][0]
+def _rows_of(instant: float) -> str:
+    if not instant:
+        return "of its instant"
+    return f"the mean over the step {'before' if instant > 0.0 else 'after'} it"
 
 
-def _reckoned(
-    pieces: list[Piece],
-    gyro: SensorAudit | None,
-    force: SensorAudit | None,
-    lever: Array,
-    declared: Declared,
-) -> Reckoning | None:
-    # as a user takes the readings: by the mount that is declared
-    if gyro is None or force is None:
-        return None
-    k = int(np.argmax([len(each.time) for each in pieces]))
-    readings = []
-    for each in (gyro, force):
-        mount = each.mount if declared.mount is None else declared.mount
-        plain = pieces[k].readings[each.name] @ mount
-        readings.append(plain if each.frame else each.corrected[k])
-    gravity = declared.down * (1.0 + float(force.fitted.get("g", (np.zeros(1),))[0][0]))
-    both = readings[0], readings[1]
-    return reckoned(pieces[k], both, (gyro, force), lever, gravity)
+def _three(values: Iterable[float], form: str = ".3g", between: str = ", ") -> str:
+    return between.join(f"{x:{form}}" for x in values)
 
 
-def _spikes(
-    imu: SimulatedImu,
-    found: Mapping[str, SensorAudit],
-    pieces: list[Piece],
-    lever: Array,
-    declared: Declared,
-) -> Array:
-    # rows far off within the pieces, and those at the start, which no piece has
-    times = [each.spikes for each in found.values()]
-    first, force = pieces[0], found.get("accelerometer")
-    rows = slice(0, ENDS)
-    near = first.time[0] - imu.time[0] < 4 * ENDS * imu.step
-    if force is not None and near and not force.wrong and not force.frame:
-        t = imu.time[rows]
-        ideal, coarse = (
-            path.at(t - force.delay * imu.step).specific_force(lever, declared.down)
-            for path in (first.fine, first.coarse)
-        )
-        assert imu.accelerometer is not None
-        left = imu.accelerometer[rows] @ force.mount - ideal
-        left = left - force.fitted["bias"][0]
-        noise = max(float(np.std(force.left[0][1])), force.bound)
-        off = np.abs(ideal - coarse).max()
-        far = np.abs(left).max(axis=1) > 12.0 * noise + 3.0 * off + 0.02 * force.size
-        times.append(t[far])
-    return np.unique(np.concatenate(times)) + imu.origin
+def _vector(v: Array) -> str:
+    return f"({', '.join(number(float(x), 3) for x in np.round(v, 6) + 0.0)})"
 
 
-def _said(imu: SimulatedImu, pieces: list[Piece]) -> str:
-    rows = sum(len(each.time) for each in pieces)
-    return (
-        f"{counted(rows, 'row')} of {counted(len(imu.time), 'row')} in "
-        f"{counted(len(pieces), 'piece')}, {1.0 / imu.step:.6g} Hz, "
-        f"{counted(len(imu.poses), 'pose')}"
-    )
-
-
-def _axes(good: NDArray[np.bool_]) -> str:
+def _axes(good: Flags) -> str:
     # of a vector, axes that are not told
     if len(good) != 3 or not good.any():
         return ""
     return " along " + ", ".join(a for a, ok in zip("xyz", good, strict=True) if not ok)
 
 
-def _length(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm" if metres < 1.0 else f"{metres:.3g} m"
-
-
-def _three(values: Array) -> str:
-    return ", ".join(f"{x:.3g}" for x in values)
-
-
-def _fitted(value: Array, sd: Array) -> str:
-    return ", ".join(f"{v:.6g} ± {s:.2g}" for v, s in zip(value, sd, strict=True))
-
-
 def _plain(values: Any) -> Any:
     # None for what is not finite
-    flat = np.asarray(values, dtype=float)
-    made = [float(x) if np.isfinite(x) else None for x in flat.ravel()]
-    return made if flat.ndim else made[0]
+    found = np.array(values, dtype=object)
+    found[~np.isfinite(values)] = None
+    return found.tolist()

@@ -10,34 +10,31 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.errors import RefusedError
-from simval.geometry import from_rotation_vector
-from simval.imu.audit.regression import (
-    Explained,
-    Regression,
-    TermFit,
-    TermRows,
-    bands_of,
-)
-from simval.imu.audit.terms import BIAS, ENDS, Expansion, Piece, SensorTerms
-from simval.path import in_body, to_world
+from simval.imu.audit.ideal import SILENT, Ideal, State, TermRows
+from simval.imu.audit.pieces import Piece, Pieces, Truth
+from simval.imu.audit.regression import TINY, Fit, Regression
+from simval.imu.audit.terms import Term
+from simval.path import Kinematics, PosePath
 from simval.shapes import Float
 
 Flags = NDArray[np.bool_]
-INSTANTS: Final = (0.0, 0.5, -0.5)
-"""Steps that a row may be late by: of its instant, the mean over the step before, and
-over the step after."""
 ROUNDS: Final = 6
 FARTHEST: Final = 64  # steps of delay that are looked at
 NEAR: Final = 2.0  # steps within which a delay needs no look around
 HALF: Final = 0.5  # of the squares: another frame must leave less
 THIN: Final = 600  # rows for a look
-SILENT: Final = 1e-6  # of a reading: one that is zero has no time
 FAINT: Final = 1e-3  # of a direction: below it a mount is the declared axes'
 SPIKE: Final = 12.0  # times the noise
 SPIKE_SHARE: Final = 0.02  # of the reading, and of the rows
 BOUND: Final = 3.0
 PRESENT: Final = 0.5  # a term is judged where its absence would be seen
+LARGE: Final = 4.0  # times the deviation of a bias: no sensor's
+LEAST_ARM: Final = 0.05  # m; a term of a lever arm that short need not be seen
+_SIGNED: Final = [
+    np.diag(signs)[list(order)]
+    for order in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+]
 
 
 class Item(NamedTuple):
@@ -45,8 +42,8 @@ class Item(NamedTuple):
 
     Attributes
     ----------
-    name : str
-        Of the term.
+    term : Term
+        What may be wrong.
     value, sd, allowed : Array
         Deviation from what is right, its standard deviation, and how far it may be off:
         chance at the stated rate and the error of the ideal.
@@ -56,12 +53,17 @@ class Item(NamedTuple):
         Of each number, whether the motion tells it.
     """
 
-    name: str
+    term: Term
     value: Float[Array, " m"]
     sd: Float[Array, " m"]
     allowed: Float[Array, " m"]
     wrong: bool
     judged: Flags
+
+    @property
+    def name(self) -> str:
+        """Of the term."""
+        return self.term.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,14 +86,14 @@ class SensorAudit:
         Body to sensor, (3, 3).
     frame : str
         Axes of the readings.
+    constant : Array
+        Bias and constant, body axes, (3,).
     deviation : Array
         What the fit leaves of a row on each axis of the sensor, root mean square, (3,).
     spikes : Array
         Times of readings far off, s.
-    left : list of (time, rows)
+    left : list of Array
         What the fit leaves of each piece, body axes.
-    corrected : list of Array
-        Readings of each piece in body axes, less the bias.
     bound : float
         Root mean square of the error of the ideal.
     size : float
@@ -109,10 +111,10 @@ class SensorAudit:
     delay_sd: float
     mount: Float[Array, "3 3"]
     frame: str
+    constant: Float[Array, "3"]
     deviation: Float[Array, "3"]
     spikes: Float[Array, " s"]
-    left: list[tuple[Array, Array]]
-    corrected: Sequence[Array]
+    left: list[Array]
     bound: float
     size: float
     unexplained: float
@@ -124,356 +126,173 @@ class SensorAudit:
 
 
 def judged(
-    sensor: SensorTerms,
-    pieces: Sequence[Piece],
-    rate: float,
-    start: Expansion,
-    frame: str,
+    ideal: Ideal, pieces: Pieces, rate: float, guess: Array | None
 ) -> SensorAudit:
     """Judge a sensor: fewest wrong things, at a rate of false alarms."""
-    search = Search(sensor)
-    state, filled = start, None
+    state, frame = look(ideal, pieces.smooth, guess)
+    bad = [np.zeros(len(each.time), bool) for each in pieces.smooth]
+    value: Array = np.zeros(0)
     for turn in range(ROUNDS):
-        rows = [sensor.rows(each, state) for each in pieces]
-        nulls = search.nulls(state)
-        if filled is not None:
-            search.fill(pieces, rows, filled)
-        regression = Regression(bands_of(rows), search.terms, nulls[0])
-        if filled is None:
-            search.mark(pieces, rows, search.wide @ regression.whole.value, ENDS)
-        explained, which, fit = regression.fewest(nulls, rate)
-        value = nulls[which].copy()
-        for term in fit.terms:
-            value[search.place[term.name]] = fit.of(term.name)[0]
-        filled = search.wide @ value
-        search.mark(pieces, rows, filled)
-        after = search.moved(state, value)
-        if turn and after.near(state):
+        rows = [ideal.rows(each, state) for each in pieces.smooth]
+        for each, far in zip(rows, bad, strict=True):
+            if turn:  # what the model has, in place of readings far off
+                each.target[far] = (each.columns @ value)[far]
+        regression = Regression(rows, ideal.terms)
+        explained, fit = regression.fewest(rate)
+        value = regression.whole.value
+        for each, far in zip(rows, bad, strict=True):
+            found = _far(each, each.left(value))
+            far |= found & (found.mean() <= SPIKE_SHARE)
+        before, state = state, ideal.moved(state, regression.split(fit.value))
+        if turn and state.near(before):
             break
-        state = after
     if explained == "no":  # no name is better than a guess
-        right = [each for each in search.terms if not each.wrong]
-        fit, value = regression.fit(right, nulls[which]), nulls[which].copy()
-        for term in right:
-            value[search.place[term.name]] = fit.of(term.name)[0]
-    end = Converged(
-        regression, fit, nulls[which], value, state, rows, INSTANTS[which], explained
-    )
-    return _told(sensor, pieces, end, rate, frame)
-
-
-class Search:
-    """Terms of a sensor, and their places among all parameters."""
-
-    def __init__(self, sensor: SensorTerms) -> None:
-        self._sensor, self.terms = sensor, sensor.terms()
-        self.wide = np.hstack([each.basis for each in self.terms])
-        ends = np.cumsum([each.basis.shape[1] for each in self.terms]).tolist()
-        self.place = {
-            each.name: slice(end - each.basis.shape[1], end)
-            for each, end in zip(self.terms, ends, strict=True)
-        }
-
-    def first(self, name: str, value: Array) -> float:
-        """First parameter of a term; 0 of a term that the sensor has not."""
-        return float(value[self.place[name]][0]) if name in self.place else 0.0
-
-    def nulls(self, state: Expansion) -> list[Array]:
-        """Parameters of right readings, of each convention of rows."""
-        found: list[Array] = []
-        for instant in INSTANTS:
-            null = np.zeros(self.wide.shape[1])
-            for name, late in _now(state).items():
-                if name in self.place:
-                    right = instant if name == "delay" else 0.0
-                    null[self.place[name].start] = right - late
-            found.append(null)
-        return found
-
-    def fill(
-        self, pieces: Sequence[Piece], rows: list[TermRows], filled: Array
-    ) -> None:
-        """Put what the model has in place of readings far off."""
-        for piece, each in zip(pieces, rows, strict=True):
-            bad = piece.bad[self._sensor.name]
-            each.columns[bad, :, -1] = each.columns[bad, :, :-1] @ filled
-
-    def mark(
-        self,
-        pieces: Sequence[Piece],
-        rows: list[TermRows],
-        filled: Array,
-        ends: int = 0,
-    ) -> None:
-        """Mark readings far off, but not at ends, where columns of time are poor."""
-        name = self._sensor.name
-        for piece, each in zip(pieces, rows, strict=True):
-            found = _spikes(each, filled)
-            found[:ends] = found[len(found) - ends :] = False
-            piece.bad[name] = found | piece.bad.get(name, np.zeros_like(found))
-
-    def moved(self, state: Expansion, value: Array) -> Expansion:
-        """Where the model is made linear next."""
-        step = np.clip(value, -2.0, 2.0)
-        mount = state.mount
-        if "mount" in self.place:
-            turn = from_rotation_vector(value[self.place["mount"]])
-            mount = mount @ to_world(turn[None])[0]
-        size = 1.0 + self.first("scale", value)
-        motion = self._sensor.nominal() * (size if abs(size) > SILENT else 1.0)
-        if self._sensor.motions:
-            motion = motion + (self.wide @ value)[: self._sensor.motions]
-        return Expansion(
-            delay=state.delay + self.first("delay", step),
-            late=state.late + self.first("instants", step),
-            slow=state.slow + self.first("rate", step),
-            past=state.past + self.first("difference", step),
-            mount=mount, world=state.world, motion=motion,
-        )  # fmt: skip
-
-
-def _now(state: Expansion) -> dict[str, float]:
-    return {
-        "delay": state.delay, "instants": state.late, "rate": state.slow,
-        "difference": state.past,
-    }  # fmt: skip
-
-
-def _spikes(rows: TermRows, filled: Array) -> Flags:
-    left = rows.columns[:, :, -1] - rows.columns[:, :, :-1] @ filled
-    noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
-    size = np.sqrt(np.mean(rows.ideal**2) + np.mean(rows.reading**2))
-    off = np.sum(np.abs(rows.errors), axis=0)
-    for draws in rows.rounding:  # which a spline has more of at its ends
-        off = off + np.abs(draws).max(axis=1, keepdims=True)
-    far = np.abs(left) > SPIKE * noise + BOUND * off + SPIKE_SHARE * size
-    found: Flags = far.any(axis=1)
-    return found if found.mean() <= SPIKE_SHARE else np.zeros_like(found)
-
-
-RESOLUTION: Final = {
-    "scale": 1.0, "axes": 0.5, "delay": 1.0, "constant": 9.8, "linear": 1.0,
-    "gravity": 1.0, "transport": 1.0, "instants": 1.0, "difference": 1.0, "rate": 2.0,
-}  # fmt: skip
-"""What is wholly wrong: without the term, turned by a third of a right angle, a step
-late."""
-
-
-class Converged(NamedTuple):
-    """The last round of a search."""
-
-    regression: Regression
-    fit: TermFit
-    null: Array  # values of what is right
-    value: Array  # of all parameters
-    state: Expansion
-    rows: list[TermRows]
-    instant: float
-    explained: Explained
-
-
-def _whole(name: str, sensor: SensorTerms, fit: TermFit) -> float:
-    # size of a term that is wholly wrong
-    if name == "constant" and sensor.name == "gyroscope":
-        return 1.0
-    if name in RESOLUTION:
-        return RESOLUTION[name]
-    arm = sensor.declared.lever  # a term of a lever arm
-    if arm is None and "lever" in [each.name for each in fit.terms]:
-        arm = fit.of("lever")[0]
-    return max(0.0 if arm is None else float(np.linalg.norm(arm)), LEAST_ARM)
-
-
-def _told(
-    sensor: SensorTerms,
-    pieces: Sequence[Piece],
-    end: Converged,
-    rate: float,
-    frame: str,
-) -> SensorAudit:
-    regression, fit, null, value, state, rows, instant, explained = end
-    wide = np.hstack([each.basis for each in regression.terms])
-    wrong = [each for each in regression.terms if each.wrong]
-    z = float(scipy.special.ndtri(1.0 - rate / 2.0 / len(wrong)))
-    items: dict[str, Item] = {}
-    for term in wrong:
-        chosen = term in fit.terms
-        own = fit if chosen else regression.fit((*fit.terms, term), null)
-        got, sd, bound = own.of(term.name)
-        got = got.copy()
-        got[0] += _now(state).get(term.name, 0.0) - instant * (term.name == "delay")
-        allowed = np.maximum(z * sd + bound, HELD.get(term.name, 0.0))
-        keep = slice(0, 1) if term.name in TIMES else slice(None)
-        size = _whole(term.name, sensor, fit)
-        if abs(got[0]) < HELD.get(term.name, 0.0):
-            chosen = False  # an instant within a step is nobody's
-        items[term.name] = Item(
-            term.name, got[keep], sd[keep], allowed[keep], chosen,
-            allowed[keep] < PRESENT * size,
-        )  # fmt: skip
-    fitted = {each.name: fit.of(each.name)[:2] for each in fit.terms if not each.wrong}
-    bias, of = fitted["bias"], items["constant"]
-    items["constant"] = of._replace(judged=np.ones(3, bool))  # what is not seen is none
-    if not of.wrong and np.linalg.norm(bias[0]) > LARGE * BIAS[sensor.name]:
-        items["constant"] = Item(
-            "constant", bias[0], bias[1], z * bias[1], True, np.ones(3, bool)
-        )
-    delay = items["delay"]
-    left = [each.columns[:, :, -1] - each.columns[:, :, :-1] @ (wide @ value)
-            for each in rows]  # fmt: skip
-    constant = (wide @ value)[sensor.place["constant"]]
-    corrected = [each.reading - constant for each in rows]
-    held = np.zeros(len(value))
-    for name in HELD:
-        if (
-            name in items
-            and not items[name].wrong
-            and name in [e.name for e in fit.terms]
-        ):
-            held[regression.place[name]] = fit.of(name)[0]
-    error = [
-        np.sqrt(np.mean(np.sum(np.abs(each.errors), axis=0) ** 2))
-        + np.sqrt(sum(np.mean(x**2) for x in each.rounding))
-        + np.sqrt(np.mean((each.columns[:, :, :-1] @ (wide @ held)) ** 2))
-        for each in rows
-    ]
-    spikes = np.concatenate([p.time[p.bad[sensor.name]] for p in pieces])
-    total = instant if not delay.wrong else float(state.delay)
-    size = float(np.sqrt(np.mean([np.mean(each.ideal**2) for each in rows])))
+        right = tuple(each for each in ideal.terms if not each.wrong)
+        fit = regression.fit(right, fit.instant)
+    items = _items(ideal, regression, fit, rate)
+    left = [each.left(fit.value) for each in rows]
+    spikes = [piece.time[far] for piece, far in zip(pieces.smooth, bad, strict=True)]
+    if explained == "all" and not frame and not any(x.wrong for x in items.values()):
+        first = ideal.rows(pieces.start, state)
+        far = _far(first, np.vstack([first.left(fit.value), left[0]]))
+        spikes.append(pieces.start.time[far[: len(first.ideal)]])
+    own, sd = regression.split(fit.value), regression.split(fit.sd)
+    size = _size(np.concatenate([each.ideal for each in rows]))
     every = np.concatenate(left) @ state.mount.T
-    rest = float(np.sqrt(np.mean(every**2)))
+    rest = _size(every) / max(size, TINY)
+    delay = items["delay"]
+    names = [each.name for each in ideal.terms if not each.wrong]
+    fitted = {"bias" if name == "constant" else name: name for name in names}
     return SensorAudit(
-        name=sensor.name, items=items, fitted=fitted, instant=instant, delay=total,
+        name=ideal.name, items=items,
+        fitted={name: (own[key], sd[key]) for name, key in fitted.items()},
+        instant=fit.instant, delay=fit.instant + delay.wrong * float(delay.value[0]),
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
-        deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=spikes,
-        left=[(p.time, each) for p, each in zip(pieces, left, strict=True)],
-        corrected=corrected, bound=float(max(error)),
-        size=size, unexplained=0.0 if explained == "all" else rest / max(size, 1e-300),
+        deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=np.concatenate(spikes),
+        left=left,
+        constant=own["constant"],
+        bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
+        size=size, unexplained=0.0 if explained == "all" else rest,
     )  # fmt: skip
 
 
-TIMES: Final = ("delay", "instants", "difference")
-HELD: Final = {"delay": 0.1, "instants": 0.1, "difference": 0.1, "rate": 0.6}
-"""Steps within which a time is no finding: a force held over a step has no finer
-instant, and a rate may be the mean over the step before, as a gyroscope's."""
-LARGE: Final = 4.0  # times the deviation of a bias: no sensor's
-LEAST_ARM: Final = 0.05  # m; a term of a lever arm that short need not be seen
-_SIGNED: Final = [
-    np.diag(signs)[list(order)]
-    for order in permutations(range(3))
-    for signs in product((1.0, -1.0), repeat=3)
-]
+def _items(
+    ideal: Ideal, regression: Regression, fit: Fit, rate: float
+) -> dict[str, Item]:
+    wrong = [each for each in ideal.terms if each.wrong]
+    z = float(scipy.special.ndtri(1.0 - rate / 2.0 / len(wrong)))
+    lever, own = ideal.declared.lever, regression.split(fit.value)
+    arm = np.linalg.norm(own.get("lever", 0.0) if lever is None else lever)
+    items: dict[str, Item] = {}
+    for term in wrong:
+        chosen = term in fit.terms
+        beside = fit if chosen else regression.fit((*fit.terms, term), fit.instant)
+        at = regression.place[term.name]
+        at = slice(at.start, at.start + 1) if term.name in ideal.times else at
+        value, sd = beside.value[at], beside.sd[at]
+        if term.name == "delay":
+            value = value - fit.instant
+        allowed = np.maximum(z * sd + regression.bound(beside)[at], term.held)
+        least = term.whole or max(float(arm), LEAST_ARM)
+        items[term.name] = Item(
+            term, value, sd, allowed, chosen and bool(abs(value[0]) >= term.held),
+            allowed < PRESENT * least,
+        )  # fmt: skip
+    constant = next(each for each in ideal.terms if each.name == "constant")
+    value, sd = own["constant"], regression.split(fit.sd)["constant"]
+    allowed = np.full(3, LARGE * constant.sd)
+    far = bool(np.linalg.norm(value) > LARGE * constant.sd)
+    # what is not seen of it is none
+    items["constant"] = Item(constant, value, sd, allowed, far, np.ones(3, bool))
+    return items
 
 
-class Look(NamedTuple):
-    """A first look: delay, axes and frame that leave least."""
+def _far(rows: TermRows, left: Float[Array, "n 3"]) -> Flags:
+    # readings far off
+    noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
+    size = np.hypot(_size(rows.ideal), _size(rows.reading))
+    *errors, rounding = np.abs(rows.errors)  # of which a spline has more at its ends
+    off = np.sum(errors, axis=0) + rounding.max(axis=1, keepdims=True)
+    far = np.abs(left[: len(off)]) > SPIKE * noise + BOUND * off + SPIKE_SHARE * size
+    return np.any(far, axis=1)
 
-    state: Expansion
-    frame: str
+
+def _size(rows: Array) -> float:
+    return float(np.sqrt(np.mean(rows**2)))
 
 
 def look(
-    sensor: SensorTerms, pieces: Sequence[Piece], guess: Array | None, delay: float
-) -> Look:
+    ideal: Ideal, pieces: Sequence[Piece], guess: Array | None
+) -> tuple[State, str]:
     """Look at which axes and delay readings have, before anything is made linear."""
-    mount = sensor.declared.mount
-    default = np.eye(3) if mount is None else mount
-    state = Expansion(delay, 0.0, 0.0, 0.0, np.eye(3), False, sensor.nominal())
-    thin = [_thinned(each, len(pieces)) for each in pieces]
+    thin = [
+        each.rows(slice(None, None, max(1, len(each.time) * len(pieces) // THIN)))
+        for each in pieces
+    ]
+    given = np.concatenate([each.readings[ideal.name] for each in thin])
 
-    # of the truth's rounding, too: a frame that leaves less is none
-    known = sum(
-        float(np.sum(draws**2)) * 3.0 / draws.shape[1]
-        for p in thin
-        for draws in sensor.rounding(p, p.time, state)
-    )
+    def along(paths: Sequence[PosePath]) -> Truth:
+        def at(late: float) -> Kinematics:
+            each = [p.at(x.time - late) for p, x in zip(paths, thin, strict=True)]
+            return Kinematics(*map(np.concatenate, zip(*each, strict=True)))
 
-    def model(late: float) -> tuple[Array, Array, Array]:
-        made = [
-            (*sensor.motion(p.fine, p.time - late * p.step, state), p) for p in thin
-        ]
-        motion = np.concatenate([each[0] for each in made])
-        y = np.concatenate([p.readings[sensor.name] for *_, p in made])
-        world = np.concatenate(
-            [in_body(now.attitude, p.readings[sensor.name]) for _, now, p in made]
-        )
-        return motion, y, world
+        return at
 
-    def general(late: float) -> tuple[float, float]:
-        motion, y, world = model(late)
-        f = np.column_stack([motion @ sensor.nominal(), np.ones(len(y))])
-        floor = SILENT**2 * float(np.sum(y**2)) + known
-        return _left(f, y) + floor, _left(f, world) + floor
+    at = along([each.path for each in thin])
+    first = np.eye(len(ideal.times))[0]
+
+    def seen(late: float) -> tuple[dict[str, Array], Array]:
+        # columns of motion, and readings turned from the world
+        made = ideal.motion(at, late * ideal.step * first)
+        return made, np.vecmat(given, at(late * ideal.step).attitude)
+
+    rounded = ideal.motion(along([each.rounded for each in thin]), 0.0 * first)
+    known = float(np.sum((rounded["ideal"] - seen(0.0)[0]["ideal"]) ** 2))
+
+    def left(columns: Array, y: Array) -> float:
+        # squares that any coefficients leave, what is no reading, and the truth's
+        # rounding: a frame that leaves less is none
+        found, *_ = np.linalg.lstsq(columns, y, rcond=None)
+        squares = np.sum((y - columns @ found) ** 2) + SILENT**2 * np.sum(y**2)
+        return float(squares) + known
 
     far = np.concatenate([np.arange(1, 8), np.arange(8, FARTHEST + 1, 4)])
     grid = np.concatenate([[0.0], far, -far])
     grid = grid[np.abs(grid) < len(thin[0].time)]
-    each = np.array([general(delay + late) for late in grid])
-    best = each.min(axis=0)
+    squares = []
+    for late in grid:
+        made, turned = seen(late)
+        columns = np.column_stack([made["ideal"], np.ones(len(given))])
+        squares.append([left(columns, each) for each in (given, turned)])
+    best = np.min(squares, axis=0)
     world = bool(best[1] < HALF * best[0])
-    near = np.abs(grid) <= NEAR
-    own = each[:, int(world)]
-    late = grid[np.argmin(own)] if own.min() < HALF * own[near].min() else 0.0
-    motion, y, turned = model(delay + late)
-    y = turned if world else y
-    frame = "world" if world else ""
+    by_delay = np.array(squares)[:, int(world)]
+    near = by_delay[np.abs(grid) <= NEAR].min()
+    late = float(grid[np.argmin(by_delay)]) if by_delay.min() < HALF * near else 0.0
+    made, turned = seen(late)
+    y, declared, right = turned if world else given, ideal.declared.mount, made["ideal"]
     if world:
-        default = np.eye(3)
-        candidates: dict[str, Array] = {"": default}
-    elif mount is None:
-        default = _nearest(y, motion @ sensor.nominal(), guess)
-        mirrored = _nearest(y, motion @ sensor.nominal(), guess, -1.0)
-        candidates = {"": default, "reversed": mirrored}
+        candidates: list[tuple[str, Array]] = [("world", np.eye(3))]
+    elif declared is None:
+        candidates = [("", _nearest(y, right, guess, 1.0)),
+                      ("reversed", _nearest(y, right, guess, -1.0))]  # fmt: skip
     else:
-        candidates = {"": default, "body": np.eye(3), "inverse": default.T}
-        candidates |= {f"axes {k}": P @ default for k, P in enumerate(_SIGNED)}
-    floor = SILENT**2 * float(np.sum(y**2)) + known
-    squares = {name: _flexible(motion, y @ C) + floor for name, C in candidates.items()}
-    least = min(squares, key=squares.__getitem__)
-    if least and squares[least] < HALF * squares[""]:
-        frame, default = least, candidates[least]
-    return Look(
-        Expansion(delay + float(late), 0.0, 0.0, 0.0, default, world, sensor.nominal()),
-        frame,
-    )
+        candidates = [("", declared), ("body", np.eye(3)), ("inverse", declared.T)]
+        candidates += [("exchanged", each @ declared) for each in _SIGNED]
+    columns = np.hstack([
+        np.tile(np.eye(3), (len(y), 1)), *(x.reshape(y.size, -1) for x in made.values())
+    ])  # fmt: skip
+    own = [left(columns, (y @ mount).reshape(-1, 1)) for _, mount in candidates]
+    least = int(np.argmin(own))
+    frame, mount = candidates[least if own[least] < HALF * own[0] else 0]
+    return State(late * first, mount, world), frame
 
 
-def _thinned(piece: Piece, count: int) -> Piece:
-    # evenly, and in time order
-    keep = slice(None, None, max(1, len(piece.time) * count // THIN))
-    return Piece(
-        piece.time[keep], {k: v[keep] for k, v in piece.readings.items()}, piece.step,
-        piece.fine, piece.coarse, piece.noise, piece.position_sd, piece.attitude_sd,
-    )  # fmt: skip
-
-
-def _left(columns: Array, y: Array) -> float:
-    found, *_ = np.linalg.lstsq(columns, y, rcond=None)
-    return float(np.sum((y - columns @ found) ** 2))
-
-
-def _flexible(motion: Array, y: Array) -> float:
-    # squares that any coefficients of the motion leave
-    eye = np.broadcast_to(np.eye(3), (len(y), 3, 3))
-    columns = np.concatenate([motion, eye], axis=2).reshape(3 * len(y), -1)
-    return _left(columns, y.reshape(-1, 1))
-
-
-def _nearest(y: Array, f: Array, guess: Array | None, sign: float = 1.0) -> Array:
-    # the rotation (or, by its sign, the reflection) from f to y; the guess, or none
-    # at all, about axes that they do not tell
-    B = y.T @ f
-    B = B / max(float(np.linalg.norm(B)), 1e-300)
+def _nearest(y: Array, right: Array, guess: Array | None, sign: float) -> Array:
+    # the rotation (or, by its sign, the reflection) from what is right to y; the guess,
+    # or none at all, about axes that they do not tell
+    B = y.T @ right
+    B = B / max(float(np.linalg.norm(B)), TINY)
     B = B + (FAINT * np.eye(3) if guess is None else 100.0 * guess * (sign > 0.0))
     U, _, V = np.linalg.svd(B)
     return U @ np.diag([1.0, 1.0, sign * np.linalg.det(U @ V)]) @ V
-
-
-def pieces_or_refuse(pieces: Sequence[Piece]) -> None:
-    """Raise RefusedError where the truth is nowhere smooth."""
-    if not pieces:
-        msg = (
-            "no part of the recording has a smooth truth with readings beside it; look "
-            "at the clocks of both, or record longer between contacts"
-        )
-        raise RefusedError(msg)

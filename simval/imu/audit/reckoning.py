@@ -12,10 +12,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from simval.arrays import Array
-from simval.geometry import compose, conjugate, from_rotation_vector, rotation_vector
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    conjugate,
+    from_rotation_vector,
+    rotation_vector,
+)
 from simval.imu.audit.fewest import SensorAudit
-from simval.imu.audit.terms import Piece
-from simval.path import PosePath, in_world, to_world
+from simval.imu.audit.pieces import Piece
+from simval.imu.audit.simulated import Declared
 from simval.shapes import Float
 
 SECONDS: Final = 3.0
@@ -53,107 +59,73 @@ class Reckoning(NamedTuple):
 
 
 def reckoned(
-    piece: Piece,
-    readings: tuple[Array, Array],
-    found: tuple[SensorAudit, SensorAudit],
+    pieces: Sequence[Piece],
+    gyro: SensorAudit,
+    force: SensorAudit,
     lever: Float[Array, "3"],
-    gravity: Float[Array, "3"],
+    declared: Declared,
 ) -> Reckoning:
-    """Integrate body rate and specific force, body axes, over the begin of a piece."""
+    """Integrate body rate and specific force over the begin of the longest piece.
+
+    As a user takes the readings: by the mount that is declared.
+    """
+    piece, found = max(pieces, key=lambda each: len(each.time)), (gyro, force)
+    gravity = declared.down * (1.0 + float(force.fitted.get("g", (np.zeros(1),))[0][0]))
+    h, at = piece.step, piece.path.at
     rows = slice(0, int(np.searchsorted(piece.time - piece.time[0], SECONDS)) + 1)
     time = piece.time[rows]
-    kinds = found[0].instant, found[1].instant
-    start = KnownStart.of(piece.fine, time, lever)
-    own = start.end(tuple(x[rows] for x in readings), kinds, gravity)
-    plain = start.end(tuple(x[rows] for x in readings), (0.0, 0.0), gravity)
-    made = start.end(_ideal(piece, time, lever, gravity, kinds), kinds, gravity)
-    T, h, g = float(time[-1] - time[0]), piece.step, float(np.linalg.norm(gravity))
-    rate, force = (
-        float(np.sqrt(np.mean(np.concatenate([x for _, x in each.left]) ** 2)))
+    own = [
+        piece.readings[each.name][rows]
+        @ (each.mount if declared.mount is None else declared.mount)
+        - (0.0 if each.frame else each.constant)
         for each in found
-    )
-    noise = 3.0 * h * (force**2 * T**3 / 3.0 + g**2 * rate**2 * T**5 / 20.0)
-    bias = [float(np.linalg.norm(each.fitted["bias"][1])) for each in found]
-    known = bias[1] * T**2 / 2.0 + g * bias[0] * T**3 / 6.0
-    bound = found[1].bound * T**2 / 2.0 + g * found[0].bound * T**3 / 6.0
-    allowed = made[0] + CERTAIN * (np.sqrt(noise) + known) + bound
-    return Reckoning(T, *own, made[0], float(allowed), plain[0])
+    ]
+    late = [each.instant * h for each in found]
+    turned = [at(time - late[0] + x * h / 2.0).quaternion for x in (-1.0, 1.0)]
+    ideal = [
+        rotation_vector(compose(conjugate(turned[0]), turned[1])) / h
+        if late[0] else at(time).rate,
+        at(time - late[1]).specific_force(lever, gravity),
+    ]  # fmt: skip
+    ends = at(time[[0, -1]])
+    R, q = ends.attitude, ends.quaternion[0] / np.linalg.norm(ends.quaternion[0])
+    place = ends.position + R @ lever
+    speed = ends.velocity + np.matvec(R, np.cross(ends.rate, lever))
 
-
-class KnownStart(NamedTuple):
-    """Truth at the first row and the last, of the sensor's place."""
-
-    time: Float[Array, " n"]
-    attitude: Float[Array, "4"]
-    velocity: Float[Array, "2 3"]
-    position: Float[Array, "2 3"]
-
-    @classmethod
-    def of(cls, path: PosePath, time: Array, lever: Array) -> "KnownStart":
-        """Of a place in the body."""
-        ends = path.at(time[[0, -1]])
-        arm = in_world(ends.attitude, np.tile(lever, (2, 1)))
-        turning = in_world(ends.attitude, np.cross(ends.rate, lever))
-        velocity, position = ends.velocity + turning, ends.position + arm
-        return cls(time, ends.quaternion[0], velocity, position)
-
-    def end(
-        self, readings: Sequence[Array], kinds: tuple[float, float], gravity: Array
-    ) -> tuple[float, float]:
-        """Distance from the truth at the end, m, and the velocity's, m/s."""
-        steps = np.diff(self.time)[:, None]
-        rate, force = (
-            _over_steps(each, kind) for each, kind in zip(readings, kinds, strict=True)
-        )
-        q = self.attitude / np.linalg.norm(self.attitude)
-        attitudes = [q]
-        for turn in from_rotation_vector(rate * steps):
-            attitudes.append(compose(attitudes[-1], turn))
-        R = to_world(np.array(attitudes))
-        if kinds[1] == 0.0:
-            world = in_world(R, readings[1])
-            world = (world[1:] + world[:-1]) / 2.0
-        else:
-            half = from_rotation_vector(rate * steps / 2.0)
-            middle = compose(np.array(attitudes[:-1]), half)
-            world = in_world(to_world(middle), force)
-        velocity = self.velocity[0] + np.cumsum((world + gravity) * steps, axis=0)
-        before = np.vstack([self.velocity[:1], velocity[:-1]])
-        end = self.position[0] + np.sum((velocity + before) / 2.0 * steps, axis=0)
+    def off(rows: Sequence[Array], late: Sequence[float]) -> tuple[float, float]:
+        # distance from the truth at the end, m, and the velocity's, m/s
+        rates, forces = map(_of_steps, rows, late)
+        steps = np.diff(time)[:, None]
+        path = [q]
+        for turn in from_rotation_vector(np.mean(rates, axis=0) * steps):
+            path.append(compose(path[-1], turn))
+        to_world = attitude_matrix(conjugate(np.array(path)))
+        force = np.matvec(to_world[:-1], forces[0]) + np.matvec(to_world[1:], forces[1])
+        gained = np.cumsum((force / 2.0 + gravity) * steps, axis=0)
+        course = speed[0] + np.vstack([np.zeros((1, 3)), gained])
+        end = place[0] + np.trapezoid(course, time, axis=0)
         return (
-            float(np.linalg.norm(end - self.position[1])),
-            float(np.linalg.norm(velocity[-1] - self.velocity[1])),
+            float(np.linalg.norm(end - place[1])),
+            float(np.linalg.norm(course[-1] - speed[1])),
         )
 
+    T, g = float(time[-1] - time[0]), float(np.linalg.norm(gravity))
+    # of a rate, in position by gravity, and of a force
+    once = np.array([g * T**3 / 6.0, T**2 / 2.0])
+    twice = 3.0 * h * np.array([g**2 * T**5 / 20.0, T**3 / 3.0])
+    bias = [float(np.linalg.norm(each.fitted["bias"][1])) for each in found]
+    noise = [np.mean(np.concatenate(each.left) ** 2) for each in found]
+    sampled = off(ideal, late)[0]
+    allowed = sampled + CERTAIN * (np.sqrt(twice @ noise) + once @ bias)
+    allowed += once @ [each.bound for each in found]
+    return Reckoning(
+        T, *off(own, late), sampled, float(allowed), off(own, (0.0, 0.0))[0]
+    )
 
-def _over_steps(rows: Array, kind: float) -> Array:
-    # means over the steps between rows
-    before, after = rows[1:], rows[:-1]
-    return before if kind > 0.0 else after if kind < 0.0 else (before + after) / 2.0
 
-
-def _ideal(
-    piece: Piece, time: Array, lever: Array, gravity: Array, kinds: tuple[float, float]
-) -> tuple[Array, Array]:
-    h = piece.step
-    made: list[Array] = []
-    for kind, which in zip(kinds, ("rate", "force"), strict=True):
-        if which == "rate" and kind:
-            edges = (
-                piece.fine.at(time - (kind + 0.5) * h),
-                piece.fine.at(time - (kind - 0.5) * h),
-            )
-            q = [each.quaternion for each in edges]
-            made.append(rotation_vector(compose(conjugate(q[0]), q[1])) / h)
-            continue
-        parts = [
-            piece.fine.at(time - (kind + 0.5 * x) * h)
-            for x in ((-1, 0, 1) if kind else (0,))
-        ]
-        rows = [
-            each.rate if which == "rate" else each.specific_force(lever, gravity)
-            for each in parts
-        ]
-        weights = [1 / 6, 4 / 6, 1 / 6] if kind else [1.0]
-        made.append(np.tensordot(weights, np.array(rows), 1))
-    return made[0], made[1]
+def _of_steps(rows: Array, late: float) -> tuple[Array, Array]:
+    # what a step between two rows has at its begin and its end
+    return (
+        rows[1:] if late > 0.0 else rows[:-1],
+        rows[:-1] if late < 0.0 else rows[1:],
+    )

@@ -1,7 +1,7 @@
 """What is audited: readings beside the poses of the body, and what is declared."""
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from simval.geometry import unit_quaternions
 from simval.shapes import Float
 from simval.units import G0
 
+SENSORS: Final = ("gyroscope", "accelerometer")
 LEAST: Final = 40  # rows; of fewer the ends, which are left out, are a half
 EVEN: Final = 0.01  # of a step, by which the stamps of even steps may be rounded
 LONG_AGO: Final = 1e5  # s; a double of a longer time is off by more than 1e-11 s
@@ -58,38 +59,35 @@ class SimulatedImu(ReadOnly):
     origin: float = 0.0
 
     def __post_init__(self) -> None:
-        stamps = {
-            name: shaped_array(name, self.time if own is None else own, (None,))
-            for name in ("time", "pose_time")
-            for own in [getattr(self, name)]
-        }
-        first = float(stamps["time"][0]) if stamps["time"].size else 0.0
-        origin = first if abs(first) > LONG_AGO else 0.0
-        object.__setattr__(self, "origin", self.origin + origin)
-        for name, value in stamps.items():
-            object.__setattr__(self, name, evened(name, value - origin))
-        rows = len(self.time)
-        for name in ("gyroscope", "accelerometer"):
+        time = shaped_array("time", self.time, (None,))
+        poses = time if self.pose_time is None else self.pose_time
+        poses = shaped_array("pose_time", poses, (None,))
+        first = float(time[0]) if time.size else 0.0
+        began = first if abs(first) > LONG_AGO else 0.0
+        own: dict[str, Any] = {
+            "origin": self.origin + began, "time": evened("time", time - began),
+            "pose_time": evened("pose_time", poses - began),
+            "position": physical_array("position", self.position, (len(poses), 3)),
+            "attitude": unit_quaternions("attitude", self.attitude),
+        }  # fmt: skip
+        for name in SENSORS:
             if getattr(self, name) is not None:
-                value = physical_array(name, getattr(self, name), (rows, 3))
-                object.__setattr__(self, name, value)
-        poses = len(self.poses)
-        position = physical_array("position", self.position, (poses, 3))
-        attitude = unit_quaternions("attitude", self.attitude)
-        if attitude.shape != (poses, 4):
-            msg = f"`attitude` has shape {attitude.shape}, and there are {poses} poses"
+                own[name] = physical_array(name, getattr(self, name), (len(time), 3))
+        if own["attitude"].shape != (len(poses), 4):
+            shape = own["attitude"].shape
+            msg = f"`attitude` has shape {shape}, and there are {len(poses)} poses"
             raise InputError(msg)
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "attitude", attitude)
         if self.gyroscope is None and self.accelerometer is None:
             msg = "there is neither a gyroscope nor an accelerometer to audit; give one"
             raise InputError(msg)
-        if min(rows, poses) < LEAST:
+        if min(len(time), len(poses)) < LEAST:
             msg = (
-                f"{rows} readings and {poses} poses are too few to audit; {LEAST} of "
-                "each are needed, so record longer"
+                f"{len(time)} readings and {len(poses)} poses are too few to audit; "
+                f"{LEAST} of each are needed, so record longer"
             )
             raise RefusedError(msg)
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
         ReadOnly.__post_init__(self)
 
     @property
@@ -132,23 +130,21 @@ class Declared(ReadOnly):
     noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("lever", "gravity"):
+        for name, shape in (("lever", (3,)), ("gravity", (3,)), ("mount", (3, 3))):
             if getattr(self, name) is not None:
-                value = physical_array(name, getattr(self, name), (3,))
+                value = physical_array(name, getattr(self, name), shape)
                 object.__setattr__(self, name, value)
-        if self.gravity is not None and not np.linalg.norm(self.gravity) > 0.0:
+        if not np.linalg.norm(self.down) > 0.0:
             msg = "`gravity` is zero; give its acceleration, m/s^2, as 0,0,-9.81"
             raise InputError(msg)
-        if self.mount is not None:
-            C = physical_array("mount", self.mount, (3, 3))
-            off = float(np.abs(C @ C.T - np.eye(3)).max())
-            if not (off <= ORTHOGONAL and np.linalg.det(C) > 0.0):
-                msg = (
-                    f"`mount` is no rotation (its rows are off by {off:.2g}); give the "
-                    "matrix from body to sensor axes"
-                )
-                raise InputError(msg)
-            object.__setattr__(self, "mount", C)
+        C = np.eye(3) if self.mount is None else self.mount
+        off = float(np.abs(C @ C.T - np.eye(3)).max())
+        if not (off <= ORTHOGONAL and np.linalg.det(C) > 0.0):
+            msg = (
+                f"`mount` is no rotation (its rows are off by {off:.2g}); give the "
+                "matrix from body to sensor axes"
+            )
+            raise InputError(msg)
         ReadOnly.__post_init__(self)
 
     @property
@@ -156,15 +152,18 @@ class Declared(ReadOnly):
         """Acceleration of gravity that the ideal reading has."""
         return np.array([0.0, 0.0, -G0]) if self.gravity is None else self.gravity
 
+    @property
+    def up(self) -> Float[Array, "3"]:
+        """Its opposite's direction: what an accelerometer at rest reads."""
+        return -self.down / np.linalg.norm(self.down)
+
 
 def evened(name: str, value: Array) -> Array:
     """Stamps that increase, in even steps where these were rounded."""
-    time = value
-    if not (time.ndim == 1 and np.all(np.diff(time) > 0.0)):
+    if not (value.ndim == 1 and np.all(np.diff(value) > 0.0)):
         msg = f"`{name}` does not increase; give the rows in order of time"
         raise InputError(msg)
-    if len(time) < 2:
-        return time
-    even = np.linspace(time[0], time[-1], len(time))
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    return even if np.abs(even - time).max() <= EVEN * step else time
+    if len(value) < 2:
+        return value
+    even, step = np.linspace(value[0], value[-1], len(value), retstep=True)
+    return even if np.abs(even - value).max() <= EVEN * step else value

@@ -209,7 +209,7 @@ _BLOCK = 1 << 15  # poses worked at once: 5 MB of monomials
 _SLACK = 64.0
 
 
-_Block = dict[str, Any]  # physical results of a block of trials; NaN where refused
+_Numbers = dict[str, Any]  # physical results of a block of trials; NaN where refused
 
 
 def calibrate(
@@ -374,14 +374,14 @@ def _suspects(
 
 def _fit_block(
     poses: Float[Array, "t n 3"], sigma: Float[Array, "t n"] | None, options: Options
-) -> _Block:
+) -> _Numbers:
     # Fit a block of trials, refused ones set aside.
     count = len(poses)
     rows = np.ascontiguousarray(poses.transpose(1, 2, 0))  # trials in lanes
     ends = np.array([rows.min(axis=0), rows.max(axis=0)]).T
     code = screen(poses, ends, full_scale=options.full_scale, repeats=options.repeats)
     condition = np.full(count, np.inf)
-    block: _Block = {"code": code, "condition": condition, "raw_range": ends}
+    block: _Numbers = {"code": code, "condition": condition, "raw_range": ends}
     # repeated poses are looked at as well: what they leave open says more
     keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
     if keep.size == 0:
@@ -413,14 +413,14 @@ def _fit_block(
     return block | _spread(results, keep, count)
 
 
-def _no_results() -> _Block:
+def _no_results() -> _Numbers:
     shapes = {"parameters": (9,), "covariance": (9, 9), "iterations": ()}
     shapes |= dict.fromkeys(("cost", "half_width", "rms"), ())
     shapes |= dict.fromkeys(("chi2_per_dof", "gradient_norm"), ())
     return {name: np.zeros((0, *tail)) for name, tail in shapes.items()}
 
 
-def _spread(results: _Block, keep: Any, count: int) -> _Block:
+def _spread(results: _Numbers, keep: Any, count: int) -> _Numbers:
     # results of the trials that were fitted, among NaN, and steps among none
     if keep.size == count:
         return results
@@ -447,7 +447,7 @@ class _Data(Trials):
     stretch: Float[Array, " t"]  # as of `direction_condition`
 
 
-def _solve(data: _Data, options: Options) -> tuple[Any, _Block]:
+def _solve(data: _Data, options: Options) -> tuple[Any, _Numbers]:
     # iterate, summarise and judge: codes, and results in physical units
     solution, ratio = _iterate(data, options)
     summary = summarize(

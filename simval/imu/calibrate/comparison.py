@@ -126,20 +126,20 @@ class SensorComparison:
     @property
     def chi_square(self) -> float:
         """Joint square of the difference, as if both variances were known."""
-        split = self._split()
-        return np.nan if split is None else float(_square(np.ones(len(split.z)), split))
+        return float(self._squares(np.ones((1, 1)), np.ones(1)).item())
 
-    def _split(self) -> "_Split | None":
-        # in coordinates in which the sum of both covariances is the unit
-        V = self.a.covariance + self.b.covariance
-        sd = np.sqrt(np.diagonal(V))
-        scaled = V / np.outer(sd, sd)
-        if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < 1e-12:
-            return None
-        share, basis = scipy.linalg.eigh(self.a.covariance / np.outer(sd, sd), scaled)
-        gravity = np.stack([each.gravity / sd for each in (self.a, self.b)], axis=1)
-        share, z = np.clip(share, 0.0, 1.0), basis.T @ (self.difference / sd)
-        return _Split(share, z, basis.T @ gravity)
+    def _squares(
+        self, alpha: Float[Array, "i 1"], beta: Float[Array, " j"]
+    ) -> Float[Array, "i j"]:
+        # over the covariances times these, and what gravity adds; NaN if not told
+        sd = np.sqrt(np.diagonal(self.a.covariance + self.b.covariance))
+        A, B = (x.covariance / np.outer(sd, sd) for x in (self.a, self.b))
+        if not np.isfinite(A + B).all() or np.linalg.eigvalsh(A + B)[0] < 1e-12:
+            return np.full((len(alpha), len(beta)), np.nan)
+        g = np.stack([x.gravity / sd for x in (self.a, self.b)])
+        S = alpha[..., None, None] * A + beta[:, None, None] * B + g.T @ g
+        z = self.difference / sd
+        return np.asarray(np.linalg.solve(S, z[:, None])[..., 0] @ z)
 
     @property
     def freedom(self) -> str:
@@ -154,14 +154,10 @@ class SensorComparison:
     @property
     def p_value(self) -> float:
         """Chance of a difference as large without a drift, (DC2); NaN if not told."""
-        split = self._split()
-        if split is None:
-            return np.nan
-        share = split.share
         (alpha, weight_a), (beta, weight_b) = map(_variances, (self.a.dof, self.b.dof))
-        V = alpha[:, None, None] * share + beta[:, None] * (1.0 - share)
-        tails = scipy.special.chdtrc(len(share), _square(V, split))
-        return float(min(weight_a @ tails @ weight_b, 1.0))
+        squares = self._squares(alpha[:, None], beta)
+        tails = scipy.special.chdtrc(len(self.difference), squares)
+        return float(np.minimum(weight_a @ tails @ weight_b, 1.0))
 
     @property
     def words(self) -> str:
@@ -182,24 +178,6 @@ class SensorComparison:
         raw = np.linalg.solve(self.a.matrix, u.T).T + self.a.bias
         moved = (raw - self.b.bias) @ self.b.matrix.T - u
         return float(np.max(np.linalg.norm(moved, axis=1)))
-
-
-class _Split(NamedTuple):
-    """The covariances of both, diagonal, and what gravity adds to each."""
-
-    share: Float[Array, " p"]  # of A in the sum of both
-    z: Float[Array, " p"]  # the difference
-    gravity: Float[Array, "p 2"]  # a column of each
-
-
-def _square(V: Float[Array, "... p"], split: _Split) -> Any:
-    """The difference over its covariance: diagonal, and of gravity (Woodbury)."""
-    _, z, own = split
-    scaled = own / V[..., None]
-    inner = np.eye(2) + own.T @ scaled
-    off = np.swapaxes(scaled, -1, -2) @ z
-    less = np.vecdot(off, np.linalg.solve(inner, off[..., None])[..., 0])
-    return np.sum(z**2 / V, axis=-1) - less
 
 
 def _variances(dof: float) -> tuple[Array, Array]:
@@ -401,7 +379,9 @@ class _Both(NamedTuple):
     alone: bool = False  # one has terms, and of the other no temperature is known
 
 
-def _at_one_temperature(first: "_File", second: "_File", sensor: str) -> _Both:
+def _at_one_temperature(
+    first: "_StatedFile", second: "_StatedFile", sensor: str
+) -> _Both:
     """Bring a sensor with terms in temperature to where both files have been.
 
     Raises
@@ -467,7 +447,9 @@ def _moved(state: State, own: Term, degrees: float) -> State:
     )  # fmt: skip
 
 
-def _of_gravity(first: "_File", second: "_File") -> tuple["_File", "_File", str, bool]:
+def _of_gravity(
+    first: "_StatedFile", second: "_StatedFile"
+) -> tuple["_StatedFile", "_StatedFile", str, bool]:
     """Both with what gravity adds to a difference, what to say, and if g is doubted."""
     a, b, said = first.g, second.g, ""
     if a.std and a == b:
@@ -489,7 +471,7 @@ def _of_gravity(first: "_File", second: "_File") -> tuple["_File", "_File", str,
     return first, second, said, a.g != b.g and not (a.std and b.std)
 
 
-def _apart(first: "_File", second: "_File", sensor: str) -> str:
+def _apart(first: "_StatedFile", second: "_StatedFile", sensor: str) -> str:
     """Why a sensor of one file or both cannot be compared; nothing if it can."""
     a, b = first.states.get(sensor), second.states.get(sensor)
     if a is None or b is None:
@@ -515,7 +497,7 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _File:
+class _StatedFile:
     """What a file states, and what it has more than is compared."""
 
     form: Model  # of the accelerometer's parameters; the other sensors have its axes
@@ -526,13 +508,13 @@ class _File:
     g: Gravity
     doubts: tuple[str, ...]  # of its bars, by its own checks
 
-    def at_known_gravity(self) -> "_File":
+    def at_known_gravity(self) -> "_StatedFile":
         """Return the same without what the uncertainty of gravity adds."""
         own = replace(self.states["accelerometer"], gravity=0.0)
         return replace(self, states=self.states | {"accelerometer": own})
 
 
-def _read(path: Path, form: Model | None = None) -> _File:
+def _read(path: Path, form: Model | None = None) -> _StatedFile:
     """Read a file, its accelerometer in a form if one is given."""
     fit, models, warm = load_calibration(path), load_others(path), load_thermal(path)
     if not fit.converged:
@@ -561,7 +543,7 @@ def _read(path: Path, form: Model | None = None) -> _File:
         strength = "a field of 1 for its strength, which is another elsewhere"
         more |= {strength} if own.size == 1.0 else set()
     checks = data.get("judgements")
-    return _File(
+    return _StatedFile(
         form=fit.model,
         states=states,
         more=more,

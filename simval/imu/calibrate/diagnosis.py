@@ -38,6 +38,7 @@ from simval.imu.explain import Judgement
 from simval.imu.sensor import forms
 from simval.poses import PARAMETERS, geometry_loss
 from simval.shapes import Float
+from simval.spelling import series
 
 LEAST_FREEDOM = 10  # dof from which a doubled scatter is seen with 80 %, at `BELIEVED`
 
@@ -243,9 +244,8 @@ def _off_words(off: list[int]) -> tuple[str, str]:
     # which poses do not belong, and what to do
     if not off:
         return "", ""
-    which = " and ".join(filter(None, [", ".join(map(str, off[:-1])), str(off[-1])]))
-    many = len(off) > 1
+    many, named = len(off) > 1, series(map(str, off))
     return (
-        f"gravity in pose{'s' * many} {which} is not that of the others",
+        f"gravity in pose{'s' * many} {named} is not that of the others",
         f"look at the hold, leave {'them' if many else 'it'} out and calibrate again",
     )

@@ -41,7 +41,7 @@ FIELD_NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z"
 """Of a magnetometer's parameters: M row by row, b, and the dip."""
 
 
-Errors = Mapping[tuple[str, str], float]
+Variances = Mapping[tuple[str, str], float]
 """Variances of errors beside the stated noise, by cause and kind."""
 
 
@@ -117,7 +117,7 @@ class Sensor:
         readings, std = self.readings[trials][:, rests], self.std[trials][:, rests]
         return replace(self, readings=readings, std=std)
 
-    def beside(self, variances: Errors) -> Self:
+    def beside(self, variances: Variances) -> Self:
         """The same with so many times the variance of its noise beside it."""
         more = variances[self.name, "noise"]
         return replace(self, std=self.std * np.sqrt(1.0 + more))
@@ -239,7 +239,7 @@ class Turns(Protocol):
     def errors(self, at: dict[str, Corrected], theta: Array) -> tuple[Beside, ...]:
         """Errors that may stand beside its noise, of variance 1, in its rows."""
 
-    def beside(self, variances: Errors) -> Self:
+    def beside(self, variances: Variances) -> Self:
         """The same with such errors beside its noise."""
 
 
@@ -314,7 +314,7 @@ class Problem:
             prior=None if self.prior is None else self.prior.take(trials),
         )
 
-    def beside(self, variances: Errors) -> "Problem":
+    def beside(self, variances: Variances) -> "Problem":
         """The same with errors of such variances beside the noise."""
         sensors = tuple(each.beside(variances) for each in self.sensors)
         turns = None if self.turns is None else self.turns.beside(variances)

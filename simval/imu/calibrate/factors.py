@@ -38,7 +38,7 @@ from simval.errors import RefusedError
 from simval.imu.calibrate.goodness_of_fit import (
     LEAST_FREEDOM,
     Combination,
-    Kind,
+    ErrorKind,
     Left,
     Residuals,
     SensorResiduals,
@@ -71,7 +71,7 @@ class SourceError(NamedTuple):
     """What a joint fit says of an error beside the stated noise."""
 
     cause: str  # sensor, or what else may be to blame
-    kind: Kind
+    kind: ErrorKind
     blame: float  # posterior share of the cause, by whatever error
     share: float  # of this error
     size: float  # standard deviation that was taken, in the unit of its kind

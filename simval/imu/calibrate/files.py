@@ -3,7 +3,7 @@
 **What a calibration file states, and whether its statements agree.**
 
 Some statements say all, the others follow from them. A statement that follows is
-recomputed and compared, entry by entry, to the digits that are printed.
+recomputed and compared, entry by entry, to six digits, as a person copies them.
 
 **A calibration as a JSON file: written, read back exactly, and checked.**
 
@@ -24,7 +24,6 @@ nothing that is carried is shaken at many g from end to end.
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from decimal import Decimal
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -99,23 +98,14 @@ def require_agreement(data: dict[str, Any], fit: FitResult) -> None:
             continue
         want = np.array(value, dtype=float)
         have = array({name: stated}, name, want.shape)
-        same = np.abs(have - want) <= _rounding(have, want)
+        row = np.max(np.abs(want), axis=-1, keepdims=want.ndim > 1)
+        same = np.abs(have - want) <= _SIX_DIGITS * np.abs(want) + _ROUNDING * row
         same |= np.isnan(have) & np.isnan(want)
         if not same.all():
             place = tuple(int(i) for i in np.argwhere(~same)[0])
             field = name + "".join(f"[{i}]" for i in place)
             values = (f"{x[place]:.12g}" for x in (have, want))
             raise InputError(_contradiction(field, *values))
-
-
-def _rounding(have: Array, want: Array) -> Array:
-    # what two statements of one number may differ by: half a unit of the last digit
-    # that is printed, of six digits at least, and the rounding of a sum in its row
-    units = [Decimal(repr(float(x))).as_tuple().exponent for x in have.flat]
-    half = [0.5 * 10.0 ** int(e) if isinstance(e, int) else 0.0 for e in units]
-    row = np.max(np.abs(want), axis=-1, keepdims=want.ndim > 1)
-    printed = np.minimum(np.reshape(half, have.shape), _SIX_DIGITS * np.abs(want))
-    return np.asarray(printed + _ROUNDING * row)
 
 
 def _contradiction(field: str, stated: Any, derived: Any) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.equations import Errors, Problem, Whitened
+from simval.imu.calibrate.equations import Problem, Variances, Whitened
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.goodness_of_fit import Beside, NoiseSource, Residuals
 from simval.shapes import Float
@@ -179,7 +179,7 @@ def weighed(
 ) -> tuple[Problem, JointSolution, NoiseFactors]:
     """One trial by the noise that its residuals ask for, if more than stated."""
 
-    def fit(last: tuple[Problem, JointSolution], variances: Errors) -> Any:
+    def fit(last: tuple[Problem, JointSolution], variances: Variances) -> Any:
         used = problem.beside(variances)
         return used, minimize(used, last[1].theta, most)
 

@@ -72,7 +72,7 @@ LEAST_FREEDOM: Final = 1e-2
 """Of a source; below it its chi-square says nothing."""
 
 
-Kind = Literal["noise", "rotations", "matrix"]
+ErrorKind = Literal["noise", "rotations", "matrix"]
 """Of an error beside the noise that is stated: as much more of that noise, rad that
 each rotation is off, or a matrix that changes in the course of the log, relative."""
 
@@ -91,7 +91,7 @@ class Beside(NamedTuple):
     """An error that may stand in the rows beside the noise that is stated."""
 
     cause: str  # sensor, or what else may be to blame
-    kind: Kind
+    kind: ErrorKind
     covariance: Float[Array, "r r"]  # of one of variance 1
     size: float = 1.0  # of that, in the unit of its kind
 

@@ -30,7 +30,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from simval.arguments import choice, instance, whole_number
+from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import calibrate
@@ -160,7 +160,6 @@ def fit(
     known: FitResult | None = None,
     estimator: Weighting = "joint",
     start: Any = None,
-    max_iterations: int = 100,
 ) -> Calibration:
     """Calibrate a gyroscope, a magnetometer or both, with their accelerometer.
 
@@ -181,8 +180,6 @@ def fit(
         squares.
     start : array_like, optional
         M of the gyroscope to start from, (3, 3); found by itself if not given.
-    max_iterations : int, default 100
-        Most steps for a trial of a magnetometer.
 
     Returns
     -------
@@ -216,7 +213,6 @@ def fit(
     for name in named:
         choice("sensors", name, OTHERS)
     estimator = choice("estimator", estimator, ESTIMATORS)
-    most = whole_number("max_iterations", max_iterations, 1)
     if start is not None:
         start = physical_array("start", start, (3, 3))
     missing = [name for name in named if name not in there]
@@ -244,7 +240,7 @@ def fit(
         if name == "gyroscope":
             parts[name] = _with_gyroscope(part, estimator, start)
         else:
-            parts[name] = _with_magnetometer(part, known, most)
+            parts[name] = _with_magnetometer(part, known)
     return together(recording, parts)
 
 
@@ -279,11 +275,9 @@ def _with_gyroscope(
     return _with_errors_of_terms(recording, fitted)
 
 
-def _with_magnetometer(
-    recording: Recording, known: FitResult | None, most: int
-) -> Calibration:
+def _with_magnetometer(recording: Recording, known: FitResult | None) -> Calibration:
     def fitted(means: Recording) -> Calibration:
-        found = fit_magnetometer(means, known, most)
+        found = fit_magnetometer(means, known)
         own = means.accelerometer
         return _of_two(
             means, found, found.parameters, accelerometer=own, magnetometer=found
@@ -444,7 +438,7 @@ def _numbers(
     whole[:, :free, :free] = here.covariance()[0]
     last = np.arange(free, COUNT)
     whole[:, last, last] = turns.noise.bias_std[: len(last)] ** 2
-    poses, (M, B) = theta[:, :PARAMETERS], turns.split(theta[:, PARAMETERS:])
+    poses, own = theta[:, :PARAMETERS], theta[:, PARAMETERS:]
     inner = whole[:, :PARAMETERS, :PARAMETERS]
     natural = natural_sd(problem.accelerometer.model, poses, here.at, inner)
     values, _ = scaled.physical(poses, inner)
@@ -452,14 +446,12 @@ def _numbers(
     slope[:, :PARAMETERS] = scaled.sizes
     slope[:, DIP] = 1.0 / np.cos(values[:, DIP])
     whole *= slope[:, :, None] * slope[:, None, :]
-    parameters = np.concatenate(
-        [values, M.reshape(t, 9), B + turns.inter_rest.centre], axis=1
-    )
+    parameters = np.concatenate([values, turns.parameters(own)], axis=1)
     return {
         "parameters": parameters[:, _ORDER],
         "covariance": whole[:, _ORDER[:, None], _ORDER],
         "half_width": NORMAL_95 * natural.max(axis=1),
-        "residual_angles": turns.angles(here.at, theta[:, PARAMETERS:]),
+        "residual_angles": turns.angles(here.at, own),
         "chi2": np.array(here.chi_square),
     }
 

@@ -263,17 +263,16 @@ def _taken_out(
     bias: str,
 ) -> tuple[dict[str, Any], Any]:
     # what the rows lose before they are integrated, and the bias that is then left
+    parts = [] if force is None else [(force, found.G.T)]
+    parts += [] if warm.thermal is None else [(warm.rows, warm.coefficients)]
     more: dict[str, Any] = {}
+    if parts:
+        more = {
+            "force": np.concatenate([rows for rows, _ in parts[::-1]], axis=1),
+            "force_noise": warm.shape if force is None else found.shape,
+            "offset": sum(rows @ by for rows, by in parts),
+        }
     known = None
-    if force is not None:
-        offset = force @ found.G.T
-        if warm.thermal is not None:
-            offset = offset + warm.rows @ warm.coefficients
-            force = np.concatenate([warm.rows, force], axis=1)
-        more = {"force": force, "force_noise": found.shape, "offset": offset}
-    elif warm.thermal is not None:
-        offset = warm.rows @ warm.coefficients
-        more = {"force": warm.rows, "force_noise": warm.shape, "offset": offset}
     if bias == "line":
         known = np.average(rests.rates, axis=0, weights=rests.seconds)
         clock = np.asarray(time, dtype=float)

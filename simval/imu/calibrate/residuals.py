@@ -325,7 +325,7 @@ SLOPES: dict[str, Callable[..., Slopes]] = {
 }
 
 
-class Loss(NamedTuple):
+class RobustLoss(NamedTuple):
     """A robust loss, by its influence function psi(r) = r w(r)."""
 
     weight: Callable[[Array], Array]  # w(r) of the absolute residual over its scale
@@ -338,18 +338,18 @@ class Loss(NamedTuple):
 # huber: quadratic, then linear. soft_l1: 2 (sqrt(1 + r^2) - 1), its smooth relative.
 # cauchy: log(1 + r^2), which lets go of far outliers.
 # Efficiencies on Gaussian residuals, by quadrature: 95.0 %, 95.4 %, 95.0 %.
-LOSSES: dict[str, Loss] = {
-    "huber": Loss(
+LOSSES: dict[str, RobustLoss] = {
+    "huber": RobustLoss(
         weight=lambda r: 1.0 / np.maximum(1.0, r),
         slope=lambda r: np.where(r < 1.0, 1.0, 0.0),
         tuning=1.345,
     ),
-    "soft_l1": Loss(
+    "soft_l1": RobustLoss(
         weight=lambda r: 1.0 / np.sqrt(1.0 + r * r),
         slope=lambda r: (1.0 + r * r) ** -1.5,
         tuning=1.345,
     ),
-    "cauchy": Loss(
+    "cauchy": RobustLoss(
         weight=lambda r: 1.0 / (1.0 + r * r),
         slope=lambda r: (1.0 - r * r) / (1.0 + r * r) ** 2,
         tuning=2.385,

@@ -11,7 +11,7 @@ off), or more noise than was measured. Its sentence and its remedy are made from
 fields.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final, Literal, NamedTuple
@@ -21,6 +21,7 @@ import numpy as np
 from simval.arrays import Array, ReadOnly, physical_array, shaped_array
 from simval.errors import InputError
 from simval.shapes import Float
+from simval.spelling import series
 
 # first row of each in the columns of an explanation; a gain multiplies readings about
 # the counter's zero, a scale about the bias
@@ -327,7 +328,7 @@ class Explanation(ReadOnly):
         """
         return ", and ".join(
             ACCOUNTS[part.kind].so.format(
-                axes=_listed(part.axes) or "all axes alike", when=part._when(time),
+                axes=series(part.axes) or "all axes alike", when=part._when(time),
                 size=part.size,
             )
             for part in self.parts
@@ -348,11 +349,7 @@ class Explanation(ReadOnly):
             noun, places = "the rest", [f"at {t:.1f} s" for t in time]
         k, own = self.rests[0], [places[k] for k in self.rests]
         if ACCOUNTS[self.kind].action == "leave out":
-            return f"in {noun}{'s' * (len(own) > 1)} {_listed(own)}"
+            return f"in {noun}{'s' * (len(own) > 1)} {series(own)}"
         if self.kind == "wrap":
             return f"in {len(own)} of the rests, first in {noun} {own[0]}"
         return f"between {noun}s {places[k - 1]} and {places[k]}"
-
-
-def _listed(items: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(items[:-1]), *items[-1:]]))

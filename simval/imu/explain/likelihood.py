@@ -251,7 +251,7 @@ def farthest(
     return found
 
 
-class _Problem(NamedTuple):
+class _Stack(NamedTuple):
     # h explanations side by side, in units of their own radius
     z: Float[Array, "h n 3"]
     s: Float[Array, "h n"]
@@ -259,11 +259,11 @@ class _Problem(NamedTuple):
     start: Float[Array, "h 9"]  # nearest sphere
     cost: Float[Array, " h"]  # of a centre anywhere so far away
 
-    def at(self, some: Int[NDArray[np.intp], " k"]) -> "_Problem":
-        return _Problem(*(part[some] for part in self))
+    def at(self, some: Int[NDArray[np.intp], " k"]) -> "_Stack":
+        return _Stack(*(part[some] for part in self))
 
 
-def _problem(tried: Sequence[Explanation], rests: RestMeans, noise: Array) -> _Problem:
+def _problem(tried: Sequence[Explanation], rests: RestMeans, noise: Array) -> _Stack:
     # readings that are the same array have the same zero and start at the same sphere
     own = {id(e.readings): _about_zero(rests, e.readings) for e in tried}
     each = [own[id(e.readings)] for e in tried]
@@ -271,7 +271,7 @@ def _problem(tried: Sequence[Explanation], rests: RestMeans, noise: Array) -> _P
     unit = np.array([e.unit * e.noise for e in tried])
     columns = np.array([e.columns for e in tried])
     columns[:, :, BIAS:SCALE] /= radius[:, None, None, None]
-    return _Problem(
+    return _Stack(
         z=np.array([one.z for one in each]), s=noise * unit / radius[:, None],
         columns=columns, start=np.array([one.sphere for one in each]),
         cost=np.array([one.cost for one in each]),
@@ -307,7 +307,7 @@ def _prior(h: int, sd: Float[Array, "h m"]) -> Float[Array, "h p p"]:
     return every
 
 
-def _rows(problem: _Problem, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
+def _rows(problem: _Stack, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
     # (J1) and its derivative
     z, s, columns = problem[:3]
     A = np.zeros((len(z), 3, 3))
@@ -336,7 +336,7 @@ def _rows(problem: _Problem, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
 
 
 def _settled(
-    problem: _Problem, prior: Array, start: Array, bar: float
+    problem: _Stack, prior: Array, start: Array, bar: float
 ) -> tuple[Array, Array, Array, Array, Array]:
     # least of -(J2) without its determinant, by Levenberg-Marquardt; then (J2)
     n, (h, p) = problem.z.shape[1], start.shape

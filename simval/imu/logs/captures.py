@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-Line = tuple[int, str]
+Numbered = tuple[int, str]
 SAMPLE: Final = 64
 """Lines, spread over the file, by which its form is judged."""
 _ARRIVED = re.compile(
@@ -37,14 +37,14 @@ LOST: Final = ("A message was lost!!!", "total count change:", "total count: ")
 """Beginnings of the lines by which ``ros2 topic echo`` says that messages are lost."""
 
 
-def sampled(lines: list[Line]) -> list[Line]:
+def sampled(lines: list[Numbered]) -> list[Numbered]:
     """Some of the lines, spread evenly but in no step that sensors may have, too."""
     golden = np.arange(SAMPLE) * 0.6180339887498949 % 1.0
     picked = np.unique((golden * len(lines)).astype(int))
     return [lines[k] for k in picked] if lines else []
 
 
-def arrivals(lines: list[Line]) -> tuple[list[Line], dict[int, str]]:
+def arrivals(lines: list[Numbered]) -> tuple[list[Numbered], dict[int, str]]:
     """Take the time of day off each line, by the line's number; none if few have one.
 
     Returns
@@ -54,7 +54,7 @@ def arrivals(lines: list[Line]) -> tuple[list[Line], dict[int, str]]:
     """
     if not _most([bool(_ARRIVED.match(line)) for _, line in sampled(lines)]):
         return lines, {}
-    bodies: list[Line] = []
+    bodies: list[Numbered] = []
     times: dict[int, str] = {}
     for number, line in lines:
         match = _ARRIVED.match(line)
@@ -67,7 +67,9 @@ def arrivals(lines: list[Line]) -> tuple[list[Line], dict[int, str]]:
     return bodies, times
 
 
-def unlabelled(lines: list[Line]) -> tuple[list[Line], tuple[str, ...] | None]:
+def unlabelled(
+    lines: list[Numbered],
+) -> tuple[list[Numbered], tuple[str, ...] | None]:
     """Make plain rows of lines that label each number, and their names.
 
     A line with other labels stays as it is, and is no row.
@@ -76,7 +78,7 @@ def unlabelled(lines: list[Line]) -> tuple[list[Line], tuple[str, ...] | None]:
     if not _most([bool(labels) for labels in sample]):
         return lines, None
     names = Counter(filter(None, sample)).most_common(1)[0][0]
-    rows: list[Line] = []
+    rows: list[Numbered] = []
     for number, line in lines:
         pairs = _pairs(line)
         whole = len(pairs) == len(names) and all(name in pairs for name in names)

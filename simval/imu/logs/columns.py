@@ -16,7 +16,7 @@ from simval.imu.logs.captures import sampled
 from simval.imu.logs.names import (
     SECONDS,
     Channel,
-    Kind,
+    Measurand,
     beside,
     channel,
     instance,
@@ -28,15 +28,15 @@ from simval.units import G0
 
 TEMPERATURE = "temp"
 NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz", TEMPERATURE)
-ROLES: dict[Kind, tuple[str, ...]] = {
+ROLES: dict[Measurand, tuple[str, ...]] = {
     "force": NAMES[1:4],
     "gyro": NAMES[4:7],
     "mag": NAMES[7:10],
 }
 SKIP = "-"
 LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:7], 7: NAMES[:7]}
-_BESIDE: dict[Kind, str] = {"gyro": "gyroscope", "mag": "magnetometer"}
-SENSORS: dict[Kind, str] = {"force": "accelerometer", **_BESIDE}
+_BESIDE: dict[Measurand, str] = {"gyro": "gyroscope", "mag": "magnetometer"}
+SENSORS: dict[Measurand, str] = {"force": "accelerometer", **_BESIDE}
 Triple = tuple[int, int, int]
 _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat|^position\b|trajector"
@@ -110,7 +110,7 @@ def chosen(
     columns: str | Sequence[str] | None,
     sensor: str | None = None,
     *,
-    alone: Collection[Kind] = (),
+    alone: Collection[Measurand] = (),
 ) -> tuple[Column, ...]:
     """Choose the columns of a log, where it has several sensors those of one.
 
@@ -202,7 +202,7 @@ def _other_sensor(
     return None
 
 
-class _Gravity(NamedTuple):
+class _GravityNames(NamedTuple):
     # of a triple's means over some rows: whether these can be gravity
     usual: float = 0.0  # length
     steady: bool = False  # in length
@@ -215,7 +215,7 @@ class _Gravity(NamedTuple):
         return self.steady or (self.loose and self.known)
 
 
-def _gravity(values: Float[Array, "n 3"]) -> _Gravity:
+def _gravity(values: Float[Array, "n 3"]) -> _GravityNames:
     rows = BLOCK if len(values) >= 5 * BLOCK else 1
     blocks = values[: len(values) // rows * rows].reshape(-1, rows, 3).mean(axis=1)
     lengths = np.linalg.norm(blocks, axis=1)
@@ -223,7 +223,7 @@ def _gravity(values: Float[Array, "n 3"]) -> _Gravity:
     least, most = _AT_REST if high < 1.1 * low else _IN_MOTION
     known = any(least < usual / unit < most for unit in (1.0, G0))
     known |= any(abs(usual / unit - 1.0) < 0.05 for unit in _UNITS_OF_G)
-    return _Gravity(
+    return _GravityNames(
         usual=float(usual),
         steady=bool(0.8 * usual < low and high < 1.25 * usual),
         loose=bool(high < 3.0 * low),
@@ -232,7 +232,7 @@ def _gravity(values: Float[Array, "n 3"]) -> _Gravity:
     )
 
 
-def _is_first(own: _Gravity, other: _Gravity) -> bool:
+def _is_first(own: _GravityNames, other: _GravityNames) -> bool:
     # whether the one is gravity and not the other
     if own.can and other.can:
         more = own.known - other.known, own.turned - other.turned
@@ -264,7 +264,7 @@ def _examples(
     def likely(three: list[int]) -> tuple[bool, bool, bool]:
         values = np.column_stack([columns[k] for k in three])
         values = values[np.isfinite(values).all(axis=1)]
-        own = _gravity(values) if len(values) else _Gravity()
+        own = _gravity(values) if len(values) else _GravityNames()
         return own.can, own.known, own.turned
 
     lines = []
@@ -372,7 +372,7 @@ def given(
 
 
 def _given(
-    table: Table, columns: str | Sequence[str], *, alone: Collection[Kind]
+    table: Table, columns: str | Sequence[str], *, alone: Collection[Measurand]
 ) -> tuple[Column, ...]:
     pairs = given(table, columns, "columns", NAMES)
     used = [role for role, _ in pairs if role != SKIP]
@@ -402,7 +402,7 @@ def channels_of(table: Table) -> list[Channel]:
 
 
 def _by_header(
-    table: Table, sensor: str | None, *, alone: Collection[Kind]
+    table: Table, sensor: str | None, *, alone: Collection[Measurand]
 ) -> tuple[Column, ...]:
     names, channels = table.names or (), channels_of(table)
     own, others, places = sensor or "", set[str](), dict[str, int]()
@@ -470,7 +470,7 @@ def temperatures(table: Table) -> list[int]:
     return own if len(own) == 1 else warm
 
 
-def triples(table: Table, kind: Kind) -> dict[Triple, str]:
+def triples(table: Table, kind: Measurand) -> dict[Triple, str]:
     """Places of x, y, z of each sensor of a kind, all in one unit, and its words."""
     channels = channels_of(table)
     groups: dict[str, dict[str, list[int]]] = {}

@@ -39,7 +39,7 @@ from simval.imu.logs import text
 from simval.imu.logs.clock import read_clock, require_finite
 from simval.imu.logs.columns import Triple, clock_of, sign_of, temperatures, triples
 from simval.imu.logs.joining import Stream, candidates
-from simval.imu.logs.names import Kind, listed
+from simval.imu.logs.names import Measurand, listed
 from simval.imu.logs.source import Source, require_moderate
 from simval.imu.logs.text import Table, TextTable
 
@@ -51,7 +51,7 @@ _TRUTHS: Final = tuple(  # the first that is there
 )
 _TABLE = re.compile(r".*\.(csv|txt|tsv|log|dat)", re.I)
 _IGNORED = re.compile(r"(.*/)?(__MACOSX|meta|\.[^/]*)(/.*)?", re.I)
-_NAMES: Final[dict[str, tuple[Kind, str]]] = {  # of a file: its sensor, its unit
+_NAMES: Final[dict[str, tuple[Measurand, str]]] = {  # of a file: its sensor, its unit
     r"()totalacceleration": ("force", "m/s^2"),
     r"()accelerometer": ("force", ""),
     r"accelerometer(uncalibrated)": ("force", ""),
@@ -71,7 +71,7 @@ _DAMAGE: Final = (
     *(RuntimeError, NotImplementedError, MemoryError),  # a password, an unknown method
 )
 _PIECE: Final = 4096  # bytes, packed and unpacked
-_COLUMNS: Final[dict[Kind, str]] = {"force": "acc", "gyro": "gyro", "mag": "mag"}
+_COLUMNS: Final[dict[Measurand, str]] = {"force": "acc", "gyro": "gyro", "mag": "mag"}
 
 
 def sniff(source: Source) -> bool:
@@ -104,7 +104,7 @@ def read(source: Source) -> Mapping[str, Callable[[], Table]]:
     return candidates(source.path, streams, holds, said)
 
 
-def _sensor(name: str) -> tuple[Kind, str, str] | None:
+def _sensor(name: str) -> tuple[Measurand, str, str] | None:
     # of a file: its sensor, its unit, and the word that it has in common with others
     stem = re.sub(r"[\s_-]+", "", PurePosixPath(name).stem.lower())
     for pattern, (kind, unit) in _NAMES.items():
@@ -116,7 +116,7 @@ def _sensor(name: str) -> tuple[Kind, str, str] | None:
 def _stream(
     name: str,
     source: Source,
-    sensor: tuple[Kind, str, str],
+    sensor: tuple[Measurand, str, str],
     said: list[tuple[str, str]],
 ) -> Stream | None:
     # the sensor of one table; none, and why, where it is not what a log is joined of
@@ -158,7 +158,7 @@ def _stream(
     return Stream(name=stem, time=time, columns=columns, group=group, words=name)
 
 
-def _places(table: Table, kind: Kind) -> dict[Kind, Triple]:
+def _places(table: Table, kind: Measurand) -> dict[Measurand, Triple]:
     # axes of each sensor of a table, of which one at least must be there once
     named = {each: [*triples(table, each)] for each in _COLUMNS}
     main = next((each for each in named if named[each]), kind)

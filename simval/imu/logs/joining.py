@@ -20,7 +20,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.imu.logs.names import Kind, beside, channel
+from simval.imu.logs.names import Measurand, beside, channel
 from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
@@ -60,7 +60,7 @@ class Stream:
         """Usual time between two readings, s; infinite for fewer than two."""
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else np.inf
 
-    def has(self, kind: Kind) -> bool:
+    def has(self, kind: Measurand) -> bool:
         """Return whether a column is an axis of this quantity."""
         known = (channel(name) for name in self.columns)
         return any(each.kind == kind and each.axis for each in known)
@@ -112,7 +112,7 @@ def candidates(
     groups = {each.group for each in forces}
     # where groups are counted, a magnetometer has a count of its own
     named = {each for each in groups if each and not each.isdigit()}
-    kinds: tuple[tuple[Kind, set[str]], ...] = (("gyro", groups), ("mag", named))
+    kinds: tuple[tuple[Measurand, set[str]], ...] = (("gyro", groups), ("mag", named))
     alone = [each for each in quick if not each.has("force")]
     slow = [
         ("left out", f"{each.name}: fewer than {SLOWEST:g} readings a second")

@@ -24,7 +24,7 @@ from simval.imu.logs.columns import (
     sign_of,
 )
 from simval.imu.logs.joining import Stream, candidates, joined
-from simval.imu.logs.names import UNITS, Kind, channel
+from simval.imu.logs.names import UNITS, Measurand, channel
 from simval.imu.logs.parts import Edge, Part
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.rows import BEFORE, Rows
@@ -205,7 +205,7 @@ class Log(ReadOnly):
         """
         return _lines(self.facts())
 
-    def unit(self, kind: Kind) -> str:
+    def unit(self, kind: Measurand) -> str:
         """Return the unit that the header states for a sensor, or nothing.
 
         Parameters
@@ -273,7 +273,7 @@ def read_log(
     *,
     start: Edge = None,
     stop: Edge = None,
-    alone: Collection[Kind] = (),
+    alone: Collection[Measurand] = (),
     means: bool = False,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
@@ -420,7 +420,7 @@ def _not_taken(sensor: str, why: object) -> Remark:
 
 def _readable(
     table: Table, picked: tuple[Column, ...], *, asked: bool
-) -> tuple[dict[Kind, Float[Array, "n 3"]], tuple[Remark, ...]]:
+) -> tuple[dict[Measurand, Float[Array, "n 3"]], tuple[Remark, ...]]:
     # readings without those of a sensor that has none, or of a magnetometer that are
     # damaged and not asked for, and why
     why: tuple[Remark, ...] = ()
@@ -444,7 +444,7 @@ def _readable(
 
 def _readings(
     table: Table, picked: tuple[Column, ...]
-) -> dict[Kind, Float[Array, "n 3"]]:
+) -> dict[Measurand, Float[Array, "n 3"]]:
     # the numbers of each sensor, in one pass over the rows; NaN where a row has none
     places = {each.role: each.place for each in picked}
     own = {kind: roles for kind, roles in ROLES.items() if places.keys() >= {*roles}}
@@ -457,7 +457,7 @@ def _readings(
     return dict(zip(own, parts, strict=True))
 
 
-def _own_clocks(table: Table, picked: tuple[Column, ...]) -> dict[Kind, Column]:
+def _own_clocks(table: Table, picked: tuple[Column, ...]) -> dict[Measurand, Column]:
     # clocks of sensors that stand side by side, each behind one of its own
     places = {each.role: each.place for each in picked}
     kinds = [kind for kind, roles in ROLES.items() if places.keys() >= {*roles}]
@@ -475,8 +475,8 @@ def _own_clocks(table: Table, picked: tuple[Column, ...]) -> dict[Kind, Column]:
 
 def _merged(
     path: str,
-    stamps: dict[Kind, Float[Array, " _"]],
-    readings: dict[Kind, Float[Array, "_ 3"]],
+    stamps: dict[Measurand, Float[Array, " _"]],
+    readings: dict[Measurand, Float[Array, "_ 3"]],
     words: str,
 ) -> Table:
     # a table of sensors that have rows of their own
@@ -496,7 +496,9 @@ def _merged(
 
 def _joined(
     merged: Table, part: Part
-) -> tuple[Float[Array, " n"], float, dict[Kind, Array], tuple[tuple[str, str], ...]]:
+) -> tuple[
+    Float[Array, " n"], float, dict[Measurand, Array], tuple[tuple[str, str], ...]
+]:
     # time, rate and readings of a part of such a table, and words
     clock = Column(role="t", place=0, unit="s")
     cut: tuple[tuple[str, str], ...] = ()

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 T = TypeVar("T")
 
-Kind = Literal[
+Measurand = Literal[
     "time", "force", "gyro", "mag", "temperature", "bare", "no gravity", "other"
 ]
 
@@ -26,7 +26,7 @@ def _spelt(units: Mapping[str, str]) -> dict[str, str]:
     return {word: unit for unit, words in units.items() for word in words.split()}
 
 
-_WORDS: dict[Kind, frozenset[str]] = {
+_WORDS: dict[Measurand, frozenset[str]] = {
     "force": _listed(
         "acc accel acce accl accelero accelerometer accelerometers acceleration "
         "accelerations specific gf gforce"
@@ -36,7 +36,7 @@ _WORDS: dict[Kind, frozenset[str]] = {
     ),
     "mag": _listed("mag magn magnet magnetic magneto magnetometer compass"),
 }
-_LETTERS: dict[str, Kind] = {
+_LETTERS: dict[str, Measurand] = {
     "a": "force",
     "w": "gyro",
     "g": "gyro",
@@ -76,7 +76,7 @@ _SECONDS = {
     3600.0: "h hr hrs hour hours",
 }
 SECONDS = {word: size for size, words in _SECONDS.items() for word in words.split()}
-UNITS: dict[Kind, dict[str, str]] = {
+UNITS: dict[Measurand, dict[str, str]] = {
     "force": _spelt({
         "m/s^2": "ms2 mss ms-2 mps2 mpss mssquared", "g": "g gs gee", "mg": "mg",
         "ug": "ug μg", "": "cms2 mms2 fts2 gal",
@@ -130,7 +130,7 @@ class Channel(NamedTuple):
 
     # ``force`` for an accelerometer, ``no gravity`` for an acceleration without it,
     # ``bare`` for an axis and no quantity
-    kind: Kind
+    kind: Measurand
     axis: str = ""  # ``x``, ``y``, ``z``, or an index in brackets, or empty
     unit: str = ""  # as written, without signs, lower case; empty for none
     # the name without axis and unit: equal for the three axes of one sensor
@@ -224,7 +224,7 @@ def _axis(words: list[str]) -> tuple[str, list[str], list[str]]:
     return "", words, []
 
 
-def _kind(words: list[str]) -> Kind:
+def _kind(words: list[str]) -> Measurand:
     named = set(words) - ({"noise"} if "low" in words else set())  # a low-noise sensor
     kinds = {kind for kind, known in _WORDS.items() if named & known}
     if named & _WITHOUT_GRAVITY and "gyro" not in kinds:
@@ -240,11 +240,11 @@ def _kind(words: list[str]) -> Kind:
     return "bare" if not kinds and not named - {"axis", "value", "sensor"} else "other"
 
 
-def _kinds_of(unit: str) -> set[Kind]:
+def _kinds_of(unit: str) -> set[Measurand]:
     return {kind for kind, units in UNITS.items() if unit in units}
 
 
-def _settled(kind: Kind, unit: str) -> Kind:
+def _settled(kind: Measurand, unit: str) -> Measurand:
     # the quantity by name and unit
     if not unit or unit in _ANY_UNIT or kind in ("other", "no gravity"):
         return kind

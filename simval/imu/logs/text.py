@@ -21,7 +21,7 @@ from simval.errors import InputError
 from simval.imu.logs.captures import (
     ECHOED,
     LOST,
-    Line,
+    Numbered,
     arrivals,
     is_echo,
     is_number,
@@ -132,7 +132,7 @@ class Dialect:
         ]
 
     def values(
-        self, lines: list[Line], places: list[int] | None = None
+        self, lines: list[Numbered], places: list[int] | None = None
     ) -> Float[Array, "n columns"]:
         """Numbers of all columns, or of those at some places, NaN for empty fields.
 
@@ -165,7 +165,7 @@ DIALECTS = (
 )
 
 
-def dialect_of(lines: list[Line]) -> Dialect:
+def dialect_of(lines: list[Numbered]) -> Dialect:
     """Return the dialect that reads the greatest share of what is there as numbers.
 
     An empty field counts neither for nor against it.
@@ -224,14 +224,14 @@ class Header(NamedTuple):
     """Names of the columns, and what else stands above the rows."""
 
     names: tuple[str, ...] | None
-    rest: list[Line]  # neither names nor remarks
+    rest: list[Numbered]  # neither names nor remarks
     said: Said = ()
     refused: str = ""  # why names that are there cannot be the columns'
     rate: tuple[str, float] | None = None  # name and Hz, where a line states it
 
 
 def header_of(
-    path: str, dialect: Dialect, above: list[Line], rows: list[Line]
+    path: str, dialect: Dialect, above: list[Numbered], rows: list[Numbered]
 ) -> Header:
     """Find the names of the columns, and their units, among the lines above the rows.
 
@@ -279,8 +279,8 @@ def _misfit(
     path: str,
     dialect: Dialect,
     bare: dict[int, str],
-    rest: list[Line],
-    rows: list[Line],
+    rest: list[Numbered],
+    rows: list[Numbered],
 ) -> Header:
     # names of another number than the columns: matched if one is missing, or refused
     for number, line in reversed(bare.items()):
@@ -305,7 +305,7 @@ def _misfit(
 
 
 def _matched(
-    dialect: Dialect, fields: list[str], rows: list[Line]
+    dialect: Dialect, fields: list[str], rows: list[Numbered]
 ) -> tuple[str, ...] | None:
     """Names of which one is missing, where one way alone agrees with the readings.
 
@@ -351,7 +351,7 @@ _NOT_THE_LOGS = re.compile(
 )
 
 
-def rate_of(above: list[Line]) -> tuple[str, float] | None:
+def rate_of(above: list[Numbered]) -> tuple[str, float] | None:
     """Return the rate that the lines above the rows state, in Hz, and its name.
 
     ``Update Rate: 100.0Hz``, ``Sample Rate:,128,Hz``, ``data_rate = 50 Hz``; nothing
@@ -404,7 +404,7 @@ class TextTable:
     path: str  # the file
     names: tuple[str, ...] | None  # its header
     dialect: Dialect  # how its fields are written
-    lines: list[Line]  # line number, from 1, and text of each row
+    lines: list[Numbered]  # line number, from 1, and text of each row
     source: Said = ()  # label and words: what was taken
     refused: str = ""  # why the names that stand above the rows are not its header
     empty: frozenset[int] = frozenset()  # places where no row has a number or a word
@@ -549,12 +549,12 @@ class _Body:
     header: Header
     names: tuple[str, ...] | None
     said: list[tuple[str, str]]
-    rows: list[Line] = field(default_factory=list)
+    rows: list[Numbered] = field(default_factory=list)
     restarts: list[int] = field(default_factory=list)
     values: Float[Array, "n columns"] | None = None
     """Of the rows, where every field is a number."""
 
-    def part(self, above: list[Line], below: list[Line]) -> None:
+    def part(self, above: list[Numbered], below: list[Numbered]) -> None:
         """Part the rows where a line from above them stands again."""
         heads = {
             line
@@ -596,7 +596,7 @@ class _Body:
             self.said.append(("mended", words))
             return
 
-    def begun(self, above: list[Line]) -> list[Line]:
+    def begun(self, above: list[Numbered]) -> list[Numbered]:
         """Lines above the rows, without a piece of a row in the first line."""
         if above and above[0][0] == 1:
             numbers = self.dialect.numbers(above[0][1])
@@ -700,7 +700,7 @@ class _Body:
         return empty
 
 
-def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
+def _first_row(dialect: Dialect, lines: list[Numbered]) -> int | None:
     # the first line of the usual width with more numbers than words in the columns
     # where most of the last lines have numbers
     last = [dialect.numbers(line) for _, line in lines[-64:]]
@@ -719,7 +719,7 @@ def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
     return None
 
 
-def _require_no_yaml(path: str, lines: list[Line]) -> None:
+def _require_no_yaml(path: str, lines: list[Numbered]) -> None:
     printed = {line.strip() for _, line in lines[:100]}
     if {"stamp:", "---"} <= printed:
         msg = (
@@ -729,7 +729,7 @@ def _require_no_yaml(path: str, lines: list[Line]) -> None:
         raise InputError(msg)
 
 
-def _no_row(path: str, lines: list[Line]) -> str:
+def _no_row(path: str, lines: list[Numbered]) -> str:
     if any(is_names(header_names(line)) for _, line in lines):
         return f"{path} has a header but no row of numbers; record or export it again"
     return (
@@ -749,7 +749,7 @@ def _count(dialect: Dialect, line: str) -> int:
     return count
 
 
-def _require_width(body: _Body, above: list[Line]) -> None:
+def _require_width(body: _Body, above: list[Numbered]) -> None:
     # what stands above header and rows is words; a row of numbers there is a broken one
     dialect, first = body.dialect, body.rows[0][0]
     broken: list[tuple[int, int]] = []

@@ -20,7 +20,7 @@ import numpy as np
 
 from simval.account import Account, Remark, Told
 from simval.arguments import choice
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import (
     Calibration,
@@ -68,7 +68,7 @@ from simval.vocabulary import Iteration, Loss, Method, Model, Residual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LogCalibration(Told):
+class LogCalibration(Told, ReadOnly):
     """Calibration of a log: its rests, its accelerometer and the sensors beside it.
 
     Attributes
@@ -151,9 +151,6 @@ class LogCalibration(Told):
     field_noise: PoseNoise | None = None
     thermal_reasons: tuple[str, ...] = ()
     units: Mapping[str, Scale] = default(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "next_direction", frozen(self.next_direction))
 
     @property
     def account(self) -> Account:
@@ -260,10 +257,7 @@ def calibrate_log(
         if warm.fit is not None:
             log = at_reference(log, accelerometer=warm.thermal)
             poses = interval_means(log.accelerometer, intervals)
-            fit = calibrate(
-                poses, g, model, method=method, full_scale=full_scale, step=step,
-                iteration=iteration,
-            )  # fmt: skip
+            fit = fitted(poses, residual="squared")
             fit = _with_terms(fit, warm.fit, std)
             further = warm.fit.slopes[:, 9:] * (1.0 if std is None else std[:, None])
         if warm.rests is not None:

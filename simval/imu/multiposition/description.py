@@ -174,7 +174,7 @@ def _rests(log: Any) -> Condition:
     return Condition("rests of the accelerometer", holds, p, CHANCE, words, do)
 
 
-def order(found: Diagnosis, sensor: str = "accelerometer") -> Condition:
+def order(found: Diagnosis | Drift, sensor: str = "accelerometer") -> Condition:
     """Judge whether a drift of a sensor would be seen in this order of the poses."""
     hides = found.hidden > HIDDEN
     words = "in this order of the poses a drift would be seen"
@@ -201,19 +201,17 @@ def _drift_in_fit(whole: Any) -> Condition | None:
 
 
 def _drift(name: str, found: Drift) -> Condition:
-    hidden = not (found.seen or found.excluded)
+    about = f"drift of the {name}"
     words, do = f"the residuals of the {name} do not follow the time", ""
     if found.seen:
         words = f"the {name} drifts: its residuals follow the time by {found.what}"
         do = "Let the sensor warm up, and record again."
     elif not np.isfinite(found.p_value):
         words, do = f"too few poses to see a drift of the {name}", ADD
-    elif hidden:
-        words = f"in this order of the poses a drift of {found.hides} of the {name} "
-        words, do = f"{words}looks like a change of other parameters", REPEAT
-    about = f"drift of the {name}"
-    made = _by_chance(about, found.p_value, DRIFT_FALSE_ALARM, words, do)
-    return made._replace(holds=None) if hidden else made
+    elif not found.excluded:
+        p, level = found.p_value, DRIFT_FALSE_ALARM
+        return order(found, name)._replace(about=about, p_value=p, level=level)
+    return _by_chance(about, found.p_value, DRIFT_FALSE_ALARM, words, do)
 
 
 def _temperature(whole: Any) -> Condition:

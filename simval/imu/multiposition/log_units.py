@@ -18,7 +18,7 @@ from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate
 from simval.imu.logs import Log
-from simval.imu.logs.names import Kind
+from simval.imu.logs.names import Measurand
 from simval.imu.multiposition.rests import AXES
 from simval.imu.multiposition.unit_evidence import ORDERS, SAME, Seen, seen_of
 from simval.poses import PARAMETERS
@@ -30,7 +30,7 @@ TELLING: Final = 20.0  # ratio of the possible sizes beyond which they bear noth
 DOUBTFUL: Final = 2.5
 """Times off a stated unit below which an unknown zero may be the reason."""
 POWERS: Final = tuple(2.0**k for k in (-4, -3, -2, -1, 1, 2, 3, 4))  # of ranges
-_KINDS: Final[dict[str, Kind]] = {
+_KINDS: Final[dict[str, Measurand]] = {
     "accelerometer": "force",
     "gyro": "gyro",
     "magnetometer": "mag",

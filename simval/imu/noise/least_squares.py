@@ -103,7 +103,7 @@ class Squares(NamedTuple):
         return np.asarray(self.p_value >= FALSE_ALARM)
 
 
-class _Whitened(NamedTuple):
+class _White(NamedTuple):
     # divided by the Cholesky factor of the variances' covariance, then turned so that
     # few rows are left: the law's, a triangle, and of the variances what no law reaches
     law: Float[Array, "s r k"]
@@ -157,7 +157,7 @@ def ends(
     left, moved = np.arange(len(end)), np.zeros(len(end))
     for step in range(4 * ROUNDS):
         i, k, before = signal[left], place[left], value[left]
-        there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
+        there = _with_end(_White(*(each[i] for each in at_fit)), k, before)
         some = problem.of(i)
         whitened, _ = _whitened(some, some.covariance(there))
         free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
@@ -192,7 +192,7 @@ def greatest(problem: AllanProblem) -> Float[Array, "s k"]:
 
 def _whitened(
     problem: AllanProblem, covariance: Float[Array, "s m m"]
-) -> tuple[_Whitened, Float[Array, " s"]]:
+) -> tuple[_White, Float[Array, " s"]]:
     # and the logarithm of the covariance's determinant
     least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing
     scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), least))
@@ -221,10 +221,10 @@ def _whitened(
     return _turned(np.swapaxes(factor[:, size:, :size], 1, 2)), log_volume
 
 
-def _turned(both: Float[Array, "s m k1"]) -> _Whitened:
+def _turned(both: Float[Array, "s m k1"]) -> _White:
     # law and variances, side by side
     triangle = np.asarray(np.linalg.qr(both, mode="r"))
-    return _Whitened(triangle[..., :-1], triangle[..., -1])
+    return _White(triangle[..., :-1], triangle[..., -1])
 
 
 def _times(
@@ -234,7 +234,9 @@ def _times(
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
-def _free(whitened: _Whitened) -> tuple[Float[Array, "s k"], Float[Array, "s k"]]:
+def _free(
+    whitened: _White,
+) -> tuple[Float[Array, "s k"], Float[Array, "s k"]]:
     # estimates without signs, and their standard deviations
     size = whitened.law.shape[2]
     inverse = np.linalg.inv(whitened.law[:, :size])
@@ -252,7 +254,7 @@ def _sets(count: int) -> list[Bool[Array, " k"]]:
     return sorted(sets, key=np.count_nonzero, reverse=True)
 
 
-def _nonnegative(whitened: _Whitened, free: Float[Array, "s k"]) -> Float[Array, "s k"]:
+def _nonnegative(whitened: _White, free: Float[Array, "s k"]) -> Float[Array, "s k"]:
     # the set of coefficients whose free estimates are above zero, and which no other
     # would improve: the conditions of Karush, Kuhn and Tucker, for which it is the best
     whole = np.all(free > 0.0, axis=1)
@@ -276,7 +278,7 @@ def _nonnegative(whitened: _Whitened, free: Float[Array, "s k"]) -> Float[Array,
 
 
 def _with_end(
-    at_fit: _Whitened, place: NDArray[np.intp], value: Float[Array, " s"]
+    at_fit: _White, place: NDArray[np.intp], value: Float[Array, " s"]
 ) -> Float[Array, "s k"]:
     # the other coefficients' best, where one has a given value
     law, target = at_fit

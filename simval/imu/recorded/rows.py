@@ -142,7 +142,7 @@ class _Equations(NamedTuple):
     u: Float[Array, "w s 3"]
 
 
-class _Fit(NamedTuple):
+class _RowFit(NamedTuple):
     """Least squares of eq. (R7), each window by the inverse of what it leaves."""
 
     solution: Float[Array, " p"]  # changes of the middle, s, first
@@ -186,7 +186,7 @@ def row_centre(
         return RowCentre(by=by, centre=np.nan, sd=np.nan, windows=len(starts))
     arm: Array = np.zeros(3)
 
-    def fitted(centre: float) -> tuple[_Fit, _Equations]:
+    def fitted(centre: float) -> tuple[_RowFit, _Equations]:
         nonlocal arm
         late = Rows(delay=MIDDLES["before"] * step - centre)
         means = np.nan_to_num(late.means(time, gyro))
@@ -238,8 +238,8 @@ def _apart(changes: Float[Array, " k"], sd: Float[Array, " k"]) -> float:
 
 
 def _middle(
-    fitted: Callable[[float], tuple[_Fit, _Equations]], start: float, step: float
-) -> tuple[float, float, _Fit, _Equations]:
+    fitted: Callable[[float], tuple[_RowFit, _Equations]], start: float, step: float
+) -> tuple[float, float, _RowFit, _Equations]:
     # where no change is left, by the secant, and the slope there: noise in the columns
     # makes it flatter, and the answer as much more uncertain
     at, (fit, each), slope = start, fitted(start), -1.0
@@ -275,7 +275,7 @@ def _starts(
     return np.sort(starts[np.argsort(-rate)[:most]])
 
 
-def _fitted(each: _Equations, late: Float[Array, "w s 3 k"], by: Witness) -> _Fit:
+def _fitted(each: _Equations, late: Float[Array, "w s 3 k"], by: Witness) -> _RowFit:
     u = each.u
     X, count = np.concatenate([late, each.others], axis=3), len(u)
     X = (X - X.mean(axis=1, keepdims=True)).reshape(count, -1, X.shape[3])
@@ -294,7 +294,7 @@ def _fitted(each: _Equations, late: Float[Array, "w s 3 k"], by: Witness) -> _Fi
         )
         for k in np.array_split(np.arange(count), min(BLOCKS, count))
     ])  # fmt: skip
-    return _Fit(
+    return _RowFit(
         solution=solution,
         sd=without.std(axis=0) * np.sqrt(len(without) - 1.0),
         rest=rest,

@@ -39,7 +39,7 @@ STANDARD: Final[Mapping[tuple[str, ...], tuple[Frame, str]]] = MappingProxyType(
 A. Cereatti, T. Seel, Data 6(7), 2021) has east-north-up."""
 
 TruthWorld = Frame | Literal["estimated"]
-Taken = Literal["stated", "standard", "nearest", "estimated"]
+WorldSource = Literal["stated", "standard", "nearest", "estimated"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,7 +79,7 @@ class World:
     rests: int
     name: str
     off: Float[Array, "3"]
-    taken: Taken = "estimated"
+    taken: WorldSource = "estimated"
 
     def __post_init__(self) -> None:
         for name in ("matrix", "off"):
@@ -231,7 +231,7 @@ def taken_world(
     raise RefusedError(msg)
 
 
-def _as(world: World, name: str, taken: Taken) -> World:
+def _as(world: World, name: str, taken: WorldSource) -> World:
     own = _axes_of(name)
     shown = world.matrix if world.heading_dof else _level(world.matrix[2], own[0])
     return replace(world, matrix=own, name=name, off=_off(shown, own), taken=taken)

@@ -92,7 +92,7 @@ for (const point of document.querySelectorAll(".points circle")) {
     next.focus();
   });
 }
-for (const figure of document.querySelectorAll("figure svg")) stopAt(figure);
+for (const svg of document.querySelectorAll(".panels svg")) stopAt(svg);
 box.addEventListener("pointerleave", leave);
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") hush();

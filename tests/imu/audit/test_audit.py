@@ -7,6 +7,7 @@ from itertools import cycle
 
 import numpy as np
 import pytest
+from faces import check_faces
 from imu.audit.zoo import LEVER, MOUNT, ZOO, G, declared, names, simulated
 from scipy import stats
 
@@ -29,6 +30,7 @@ def test_what_is_wrong_is_found_and_named(name, noise):
     found = audit(imu, declared())
     assert names(found) == ZOO[name][2], str(found)
     assert found.exit_code == (1 if ZOO[name][2] else 0), str(found)
+    check_faces(found.account)
 
 
 RANGE = [
@@ -214,6 +216,13 @@ def test_poses_of_another_clock():
                      accelerometer=imu.accelerometer), declared(),
     )  # fmt: skip
     assert found.exit_code == 0, str(found)
+
+
+def test_a_tilted_gravity_is_no_gravity_of_another_size():
+    tilted = Declared(lever=LEVER, mount=MOUNT, gravity=(1.0, 0.0, -9.75))
+    found = audit(simulated("right", rng(23), noise=0.005), tilted)
+    (said,) = [what for _, what, _ in found.wrong()]
+    assert said.startswith("has gravity along")
 
 
 def test_what_cannot_be_audited_is_refused():

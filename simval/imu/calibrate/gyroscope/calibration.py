@@ -212,14 +212,12 @@ def _numbers(
     else:
         theta, own = solution.theta[:, :A], solution.theta[:, A:]
         covariance[:, :free, :free], chi2 = here.covariance()[0], here.chi_square
-    M, B = turns.split(own)
-    parameters = [M.reshape(-1, A), B + turns.inter_rest.centre]
     return {
-        "parameters": np.concatenate(parameters, axis=1),
+        "parameters": turns.parameters(own),
         "accelerometer": np.array(theta),
         "covariance": covariance,
         "residual_angles": turns.angles(here.at, own),
-        "chi2_per_dof": chi2 / dof if dof > 0 else np.full(len(M), np.nan),
+        "chi2_per_dof": chi2 / dof if dof > 0 else np.full(len(theta), np.nan),
     }
 
 

@@ -30,7 +30,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.equations import Between, Corrected, Errors
+from simval.imu.calibrate.equations import Between, Corrected, Variances
 from simval.imu.calibrate.goodness_of_fit import Beside
 from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
 from simval.imu.calibrate.gyroscope.result import NAMES
@@ -149,7 +149,7 @@ class InterRest:
             Beside(self.name, "matrix", V[2]),
         )
 
-    def beside(self, variances: Errors) -> Self:
+    def beside(self, variances: Variances) -> Self:
         """The same with such errors beside its noise."""
         return replace(
             self, noise=self.noise.beside(variances[self.name, "rotations"]),
@@ -160,6 +160,11 @@ class InterRest:
         """M, and B less the centre of the readings."""
         B = theta[:, 9:] if self.size == 12 else self.noise.bias_value
         return theta[:, :9].reshape(-1, 3, 3), B
+
+    def parameters(self, theta: Array) -> Float[Array, "t 12"]:
+        """M row by row and B, raw units."""
+        M, B = self.split(theta)
+        return np.concatenate([M.reshape(-1, 9), B + self.inter_rest.centre], axis=1)
 
     def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
         """Linearised residuals, eq. (N6), and of the bias over the rate."""

@@ -50,7 +50,7 @@ class Rests(NamedTuple):
     after: Any = slice(1, None)
 
 
-class Effect(NamedTuple):
+class RestEffect(NamedTuple):
     """What columns do to the rests."""
 
     odds: float  # natural logarithm
@@ -77,7 +77,7 @@ def effect(
     columns: Float[Array, "n m"],
     walk: Float[Array, "3"],
     drift: float | None,
-) -> Effect:
+) -> RestEffect:
     """Odds and coefficients of columns beside what is there in any case.
 
     By N of each axis, and K of all or what the rests say of each.
@@ -98,7 +98,7 @@ def effect(
         covariance.append(noise * np.linalg.inv(own.T @ own))
     without = null.max(axis=0) + (np.log(_BEST) if len(shares) > 1 else 0.0)
     odds = _odds(without, scipy.special.logsumexp(full, axis=0) - np.log(len(shares)))
-    return Effect(odds, coefficients, np.array(covariance))
+    return RestEffect(odds, coefficients, np.array(covariance))
 
 
 def walk_odds(rests: Rests, walk: Float[Array, "3"], drift: float | None) -> float:

@@ -19,10 +19,10 @@ from simval.imu.calibrate.accelerometer import require_noise
 from simval.imu.calibrate.covariance import repeated_poses, repeated_words
 from simval.imu.calibrate.equations import (
     Accelerometer,
-    Errors,
     Magnetometer,
     Prior,
     Problem,
+    Variances,
 )
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.gauss_newton import residuals
@@ -187,7 +187,7 @@ ASSUMPTIONS = {
 }
 
 
-def fit_magnetometer(recording: Recording, known: Any, most: int) -> MagnetometerFit:
+def fit_magnetometer(recording: Recording, known: Any) -> MagnetometerFit:
     """Fit a magnetometer, and its accelerometer, to the means of both over poses.
 
     Raises
@@ -214,7 +214,7 @@ def fit_magnetometer(recording: Recording, known: Any, most: int) -> Magnetomete
         if again and again < count - 1:
             raise RefusedError(repeated_words(both, " of both sensors"))
     size, trials = max(1, _BLOCK // count), 1 if single else len(pair[0])
-    fitted = partial(_fit, most=most, hemisphere=recording.hemisphere)
+    fitted = partial(_fit, hemisphere=recording.hemisphere)
     parts = [
         fitted(scale(recording, slice(i, i + size), known))
         for i in range(0, trials, size)
@@ -261,8 +261,8 @@ class _Block(NamedTuple):
     numbers: dict[str, Any]
 
 
-def _fit(scaled: Scaled, most: int, hemisphere: Hemisphere) -> _Block:
-    solution, sure = solve(scaled.problem, most)
+def _fit(scaled: Scaled, hemisphere: Hemisphere) -> _Block:
+    solution, sure = solve(scaled.problem)
     theta, stated = solution.theta, hemisphere != "unstated"
     if stated:  # the start took det M > 0
         north = (theta[:, DIP] > 0.0) == (hemisphere == "north")
@@ -293,7 +293,7 @@ def _weighed(
     # one set by the noise that its residuals ask for, where it is more than stated
     problem = block.scaled.problem
 
-    def fit(_: _Block, variances: Errors) -> _Block:
+    def fit(_: _Block, variances: Variances) -> _Block:
         return fitted(block.scaled._replace(problem=problem.beside(variances)))
 
     def rows(last: _Block) -> Residuals:

@@ -190,25 +190,26 @@ ROUND = 0.1
 """How far scales and angles of a sensor are from equal and square, as a rule."""
 APART = 20.0
 """Of chi-square: the odds against the worse answer are then exp(10), 22 000."""
+_MOST = 100  # steps of a trial
 _STARTS = 6
 _WEAKEST = 4  # directions of the parameters along which another answer is looked for
 _SIZES = (-0.5, -0.2, 0.2, 0.5)  # of a jump, in scaled units
 _SAME = 1e-3  # of the parameters in scaled units: two ends of the same answer
 
 
-def solve(problem: Problem, most: int) -> tuple[JointSolution, Any]:
+def solve(problem: Problem) -> tuple[JointSolution, Any]:
     """Solution of each trial, and whether no other fits as well, (t,) of bool."""
     with np.errstate(all="ignore"):  # a hopeless trial has NaN, and is refused
         if problem.accelerometer.readings.shape[1] >= ENOUGH:
             theta = start(problem)
-            return minimize(problem, theta, most), np.ones(len(theta), dtype=bool)
+            return minimize(problem, theta, _MOST), np.ones(len(theta), dtype=bool)
         found = []
         for theta in _starts(problem):
             held = replace(problem, prior=_rounded(problem, theta))
-            theta = minimize(held, theta, most).theta
-            found.append(minimize(problem, theta, most))
+            theta = minimize(held, theta, _MOST).theta
+            found.append(minimize(problem, theta, _MOST))
         best = _best(problem, found)[0]
-        found += [minimize(problem, x, most) for x in _jumps(problem, best.theta)]
+        found += [minimize(problem, x, _MOST) for x in _jumps(problem, best.theta)]
         return _best(problem, found)
 
 
