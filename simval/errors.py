@@ -6,7 +6,9 @@ is raised for a bug of ours: such an exception is not a `SimvalError`.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
+from simval.account import Remark
 from simval.text import one_line
 
 
@@ -23,23 +25,50 @@ class InputError(SimvalError, ValueError):
 
 
 class RefusedError(SimvalError):
-    """Readable data from which an honest answer cannot be given."""
+    """Readable data from which an honest answer cannot be given.
+
+    Parameters
+    ----------
+    words : str
+        What was found, with its numbers, and what is required.
+    do : str
+        What to do about it; empty where `words` says it.
+    **numbers
+        The numbers of the words, for programs.
+    """
 
     exit_code = 3
+    kind = "refused"
     tried = ""
     """What was tried to explain it, in lines, for who asks."""
+
+    def __init__(self, words: str = "", do: str = "", **numbers: Any) -> None:
+        super().__init__("; ".join(filter(None, (words, do))))
+        self.words, self.do, self.numbers = words, do, numbers
+
+    @property
+    def remark(self) -> Remark:
+        """What was found and what to do, as a judgement for every face."""
+        do = f"{self.do[:1].upper()}{self.do[1:]}." if self.do else ""
+        return Remark(self.kind, self.words, do, self.numbers)
 
 
 class GeometryError(RefusedError):
     """Poses or vectors that leave part of the answer unobservable."""
 
+    kind = "geometry"
+
 
 class SaturatedError(RefusedError):
     """Readings at the end of the sensor's range."""
 
+    kind = "saturated"
+
 
 class ConvergenceError(RefusedError):
     """An iterative solver that stopped before it reached its tolerance."""
+
+    kind = "not converged"
 
 
 class SimulationError(RefusedError):

@@ -6,7 +6,7 @@ says more than its digits. JSON and CSV have every digit instead.
 """
 
 from collections.abc import Iterable
-from math import inf, isfinite
+from math import ceil, floor, inf, isfinite, log10
 from typing import Final
 
 from simval.text import number
@@ -56,6 +56,12 @@ def rounded(value: float, digits: int = 2) -> str:
     """A number with so many significant digits, with an exponent only if it is long."""
     short = float(f"{value:.{digits - 1}e}")
     return f"{short:.12g}" if 1e-4 <= abs(short) < 1e7 else f"{short:.{digits}g}"
+
+
+def rounded_up(number: float) -> str:
+    """A number of times in words, of two digits, rounded up."""
+    step = 10.0 ** (floor(log10(number)) - 1)
+    return f"{ceil(number / step - 1e-9) * step:,.6g}"
 
 
 def bounded(low: float, high: float, digits: int = 2) -> str:

@@ -395,6 +395,12 @@ class Statistic:
         return f"{'control ' if self.controlled else ''}{self.family.name}{inside}"
 
     @property
+    def words(self) -> str:
+        """What a person calls it: the family, and its entries in brackets."""
+        inside = f" ({', '.join(self.entries)})" if self.entries else ""
+        return f"{self.family.words}{inside}"
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """The entries without which one it is: ``K`` of the scale ``K_x``."""
         named = self.entries[:-1] if self.family.along else self.entries

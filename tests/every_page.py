@@ -12,7 +12,12 @@ EXAMPLES = ROOT / "docs" / "examples"
 
 SUITE = """
 title = "One of each"
+question = "How <many> poses?"
 seed = [1]
+
+[[need]]
+quantity = "calibration.rms[B]"
+below = "0.3 mm/s^2"
 
 [scene]
 poses = 12

@@ -226,7 +226,8 @@ def changes(found):
     """Each thing that a reader must know, done to a result, and words of it."""
     units = {"gyro": Made(said=("gyroscope: the header says rad/s, but it is deg/s",))}
     yield dict(units=units), "but it is deg/s"
-    yield dict(left_out={"magnetometer": "its field turns"}), "its field turns"
+    left = {"magnetometer": Remark("geometry", "its field turns", "Turn it too.")}
+    yield dict(left_out=left), "its field turns. Turn it too."
     for change, words in (
         (dict(geometry=9.0), "9 times that of as many poses"),
         (dict(widest=0.12), "known to 12 % only"),
@@ -274,7 +275,8 @@ def test_the_noise_of_a_log_says_what_it_does_not_show(whole):
     found = log_noise(log)
     units = units_of(log, means=found.means)
     sensors = noisy(found, units)
-    found = replace(found, left_out={"magnetometer": "its readings stand still"})
+    still = Remark("refused", "its readings stand still")
+    found = replace(found, left_out={"magnetometer": still})
     account = with_log(noise_account(found, sensors), log)
     check_faces(account)
     for words in ("its readings stand still", "several times longer", "<"):

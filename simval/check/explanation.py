@@ -16,12 +16,13 @@ from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
 from simval.judge import Finding, GateResult, findings, headline
 from simval.judge.causes import advice, off, sound, unjudged, why
-from simval.judge.findings import rounded_up
-from simval.judge.gate import BEGIN, outcome
+from simval.judge.gate import outcome
+from simval.judge.needs import BEGIN
 from simval.judge.steps import loss
 from simval.plugins.loading import Meant
 from simval.plugins.names import located, portable
 from simval.results import CellName, Row
+from simval.spelling import rounded_up
 from simval.statistics import (
     AT_AN_INSTANT,
     DIAGNOSES,

@@ -131,7 +131,6 @@ def advice(study: str, family: str) -> str:
 
 def off(row: Row) -> str:
     """What a judged row has found, and what is due."""
-    of = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
     unit = "" if row.unit == "1" else f" {row.unit}"
     verb = "is allowed" if row.check == "limit" else "is expected"
     error = row.standard_error
@@ -139,7 +138,7 @@ def off(row: Row) -> str:
         measured(row.value, error) if 0.0 < error < np.inf else rounded(row.shown, 3)
     )
     return (
-        f"{row.statistic.family.words}{of} is {number}{unit}, where "
+        f"{row.statistic.words} is {number}{unit}, where "
         f"{rounded(row.prediction or 0.0, 3)} {verb}"
     )
 

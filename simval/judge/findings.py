@@ -14,13 +14,14 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import ceil, floor, inf, isfinite, log10
+from math import inf, isfinite
 
 from simval.errors import InputError
 from simval.judge.comparison import Comparison
 from simval.judge.gate import GateResult
 from simval.judge.steps import Step, kind_of, moved, share_words
 from simval.results import CellName
+from simval.spelling import rounded_up
 from simval.text import did_you_mean, one_line
 from simval.verdict import WORST_FIRST, Answer, Verdict
 
@@ -340,12 +341,6 @@ def groups(result: GateResult) -> tuple[Group, ...]:
         for each in members.values()
     ]
     return tuple(sorted(found, key=_rank))
-
-
-def rounded_up(number: float) -> str:
-    """A number of times in words, of two digits, rounded up."""
-    step = 10.0 ** (floor(log10(number)) - 1)
-    return f"{ceil(number / step - 1e-9) * step:,.6g}"
 
 
 def _kind(finding: Finding) -> tuple[str, ...]:

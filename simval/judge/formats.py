@@ -87,6 +87,9 @@ class Document(BaseModel):
     answers: list[dict[str, Any]] = Field(
         description="Question, answer, reason and what to do, as a person reads them."
     )
+    needs: list[dict[str, Any]] = Field(
+        description="What the suite asks for: each value in SI units, and its answer."
+    )
     findings: list[Entry] = Field(description="Failures first.")
 
 
@@ -106,6 +109,7 @@ def to_json(result: GateResult, exit_code: int) -> str:
         environment=[one_line(line) for line in result.environment],
         notes=[one_line(line) for line in result.notes],
         answers=gate_account(result).as_object()["answers"],
+        needs=[each.as_object() for each in result.asked],
         findings=[
             Entry(
                 **{name: getattr(f, name) for name in Entry.model_fields}

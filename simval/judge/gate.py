@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import ceil, isnan
-from types import MappingProxyType
 from typing import Any
 
 from simval.change import EFFORT
@@ -23,6 +22,7 @@ from simval.judge.comparison import (
     compare,
     has_partners,
 )
+from simval.judge.needs import BEGIN, Asked, asked
 from simval.judge.steps import Step
 from simval.results import CellName, Row
 from simval.spelling import counted, whole
@@ -36,11 +36,6 @@ from simval.verdict import (
     judge,
     overall,
 )
-
-BEGIN: Mapping[Answer, str] = MappingProxyType(
-    {"pass": "Yes", "fail": "No", "inconclusive": "Cannot tell"}
-)
-"""The first words of an answer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +65,7 @@ class GateResult:
     notes: tuple[str, ...] = ()  # what else a reader should know; no answer changes
     # of which theory says nothing at the parameters of their cells: not judged
     outside: tuple[tuple[CellName, Row], ...] = ()
+    asked: tuple[Asked, ...] = ()  # what the suite asks, and its answers
 
     @property
     def answer(self) -> Answer:
@@ -173,6 +169,7 @@ def judge_run(
         folder=str(run.folder),
         seconds={cell.name: cell.seconds for cell in run.cells},
         outside=tuple(pair for pair in rows if pair[1].outside),
+        asked=asked(run, alpha),
     )
 
 

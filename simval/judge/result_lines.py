@@ -24,12 +24,19 @@ from simval.judge.findings import (
     Group,
     details,
     groups,
-    rounded_up,
 )
+from simval.judge.needs import replies_to, tables_of
 from simval.judge.runs import Origin, origin_of, shared_words
 from simval.judge.steps import Standing, short_names
 from simval.judge.trend import WAYS, ordered_by
-from simval.spelling import counted, duration, measured, rounded, whole
+from simval.spelling import (
+    counted,
+    duration,
+    measured,
+    rounded,
+    rounded_up,
+    whole,
+)
 from simval.sweep.cells import REFUSED
 from simval.sweep.run import Run
 from simval.text import number, one_line
@@ -49,6 +56,7 @@ def gate_account(result: GateResult) -> Account:
     return Account(
         title="Gate of",
         source=Path(result.folder).name,
+        values=tables_of(result.asked),
         replies=(
             Reply(
                 title="Does the run pass?",
@@ -57,6 +65,7 @@ def gate_account(result: GateResult) -> Account:
                 do=" ".join(_to_do(result)),
                 lines=(f"The false-alarm rate is {result.alpha:g} for all together.",),
             ),
+            *replies_to(result.asked),
         ),
         facts=[Fact("note", one_line(each), notable=True) for each in result.notes],
     )
@@ -188,6 +197,7 @@ def run_account(
                 do=next_one,
             )
         )
+        replies += replies_to(judged.asked)
     facts = []
     for name, error in failures.first:
         refused = error.startswith(REFUSED)
@@ -198,10 +208,9 @@ def run_account(
     if hidden:
         more = f"{counted(hidden, 'more cell')}: all are in the report"
         facts.append(Fact("...", more, notable=True))
-    return Account(
-        title="Run", source=folder.name, replies=replies,
-        values=[Values(title="What failed", facts=facts)] if facts else [],
-    )  # fmt: skip
+    values = [Values(title="What failed", facts=facts)] if facts else []
+    values += tables_of(judged.asked if judged is not None else ())
+    return Account(title="Run", source=folder.name, replies=replies, values=values)
 
 
 SHOWN = 8

@@ -30,18 +30,13 @@ from simval.judge.algorithms import (
     over_bound,
     size_row,
 )
+from simval.judge.settings import setting_words
 from simval.plugins.loading import BESIDE, BUILTIN
 from simval.ranking import Ranking, ranked
 from simval.report.answers import Line, Number, closest, number_of, number_of_row
 from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
-from simval.report.formatting import (
-    angle,
-    angle_unit,
-    begun,
-    setting_words,
-    spelled,
-)
+from simval.report.formatting import angle, angle_unit, begun, spelled
 from simval.report.gallery import drawn as drawn_figure
 from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made

@@ -14,13 +14,13 @@ import numpy as np
 
 from simval.change import question
 from simval.judge.causes import off
-from simval.judge.findings import WORDS, rounded_up
+from simval.judge.findings import WORDS
 from simval.judge.result_lines import changed_words, runs_account
 from simval.judge.steps import Move, moved
 from simval.report.formatting import angle_unit, begun
 from simval.report.section import Against, Context
 from simval.results import Row
-from simval.spelling import counted, measured, rounded, whole
+from simval.spelling import counted, measured, rounded, rounded_up, whole
 from simval.statistics import CRAMER_RAO
 from simval.sweep import Run
 from simval.units import Unit, of_row
@@ -154,9 +154,8 @@ def size_of(row: Row) -> str:
     error, due = row.standard_error, row.prediction or 0.0
     if row.check == "limit" or not due > 0.0 or not 0.0 < error < np.inf:
         return off(row)
-    of = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
     times = measured(row.value / due, error / due)
-    return f"{row.statistic.family.words}{of} is {times} times what is expected"
+    return f"{row.statistic.words} is {times} times what is expected"
 
 
 def not_passed(verdicts: Sequence[Verdict]) -> str:

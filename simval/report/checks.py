@@ -10,6 +10,7 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import Figure
 from simval.judge.findings import reproduce
+from simval.judge.settings import axis_words, varying
 from simval.report.curves import (
     PREFERRED,
     Measured,
@@ -18,10 +19,9 @@ from simval.report.curves import (
     described,
     grouped,
     numeric,
-    varying,
 )
 from simval.report.findings import Claim, claiming
-from simval.report.formatting import axis_words, sign_of_entries, spelled
+from simval.report.formatting import sign_of_entries, spelled
 from simval.report.gallery import drawn, panels_of
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
@@ -77,13 +77,21 @@ def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
     """How a filter that fails leaves what it states, over time."""
     if not any(study == "filter" for study, _, _ in failing):
         return []
+    cells = list(context.cells("filter"))
+    if context.against is not None:  # the other run beside it
+        runs = context.run, context.against.run
+        cells = [
+            replace(cell, parameters={**cell.parameters, "run": run.folder.name})
+            for run in runs
+            for cell in run.of("filter")
+            if cell.rows
+        ]
     return [
         drawing
         for figure in STUDIES["filter"].shown
         if isinstance(figure, Figure) and NEES_AT in figure.rows
-        for drawing in drawn(replace(figure, name="failing-time"),
-                             context.cells("filter"))
-    ]  # fmt: skip
+        for drawing in drawn(replace(figure, name="failing-time"), cells)
+    ]
 
 
 def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:

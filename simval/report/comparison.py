@@ -12,6 +12,7 @@ import numpy as np
 
 from simval.judge import Difference, Move, RunComparison
 from simval.judge.result_lines import runs_account
+from simval.judge.settings import axis_words
 from simval.report.curves import (
     Curve,
     axis_of,
@@ -20,7 +21,7 @@ from simval.report.curves import (
     grouped,
     spans,
 )
-from simval.report.formatting import axis_words, spelled
+from simval.report.formatting import spelled
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, located, made, part_of, template
 from simval.report.table import Column, Table, tabulated

@@ -22,7 +22,8 @@ import scipy
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
-from simval.report.formatting import setting_words, spelled
+from simval.judge.settings import setting_words, varying
+from simval.report.formatting import spelled
 from simval.report.panels import (
     BOUND,
     COLOURS,
@@ -341,12 +342,6 @@ def first(
     """Split groups into the first ones and the names of the others."""
     labels = list(groups)
     return {k: groups[k] for k in labels[:limit]}, tuple(labels[limit:])
-
-
-def varying(cells: Sequence[CellResult]) -> list[str]:
-    """Parameters that are not the same in all cells."""
-    keys = sorted({key for cell in cells for key in cell.parameters})
-    return [k for k in keys if len({repr(c.parameters.get(k)) for c in cells}) > 1]
 
 
 def axis_of(cells: Sequence[CellResult]) -> str:

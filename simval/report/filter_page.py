@@ -7,7 +7,7 @@ matrix that takes sensor to world, z-y'-x'' (ISO 8855's order, its x north, y we
    \theta = -\arcsin R_{31}, \quad \varphi = \operatorname{atan2}(R_{32}, R_{33}).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +22,10 @@ from simval.imu.recorded.errors import WINDOW
 from simval.imu.recorded.evaluation import WithTruth, from_its_start
 from simval.report.formatting import slug
 from simval.report.log_page import LogPage, linear, signal, stated
-from simval.report.panels import INK, Drawing, Series
+from simval.report.panels import COLOURS, INK, Drawing, Series
 from simval.report.section import made
 from simval.shapes import Bool, Float
+from simval.spelling import measured
 from simval.units import DEGREE
 
 BAND = 3.0
@@ -59,7 +60,8 @@ def filter_page(
     command : str
         The command that makes the page again; empty leaves it out.
     """
-    errors = [_drawing(x.run.name, x.truth) for x in whole.done if x.truth is not None]
+    known = {x.run.name: x.truth for x in whole.done if x.truth is not None}
+    errors = [*_beside(known), *(_drawing(*each) for each in known.items())]
     kinds = {
         "Errors over time": errors,
         "Roll, pitch and yaw": [_attitude(whole, each) for each in whole.done],
@@ -79,6 +81,32 @@ def filter_page(
         ],
         command=command,
     )
+
+
+def _beside(known: Mapping[str, WithTruth]) -> Iterator[Drawing]:
+    """The errors of several filters on one axis; none of one alone."""
+    if len(known) < 2:
+        return
+    sizes = {name: truth.rms["all"]["total"] for name, truth in known.items()}
+    said = ", ".join(
+        f"{name} {measured(*np.degrees([rms.value, rms.sd]))}"
+        for name, rms in sorted(sizes.items(), key=lambda each: each[1].value)
+    )
+    yield Drawing(
+        name="errors-beside",
+        asked="Which filter is wrong, and when?",
+        finding=f"RMS error in degrees, the least first: {said}.",
+        caption="Errors of all filters over time.",
+        panels=[
+            linear(word, "time, s", f"{word} error, degrees", [
+                signal(truth.errors.time, np.degrees(getattr(truth.errors, word)),
+                       name, COLOURS[k % len(COLOURS)])
+                for k, (name, truth) in enumerate(known.items())
+            ])
+            for word in NAMES
+        ],
+        columns=1,
+    )  # fmt: skip
 
 
 def _drawing(name: str, truth: WithTruth) -> Drawing:

@@ -17,17 +17,9 @@ import scipy
 
 from simval.arrays import Array
 from simval.change import EFFORT
-from simval.report.curves import (
-    SEEN,
-    Z95,
-    Curve,
-    Slope,
-    ratio,
-    read,
-    simultaneous,
-    varying,
-)
-from simval.report.formatting import setting_words, spelled
+from simval.judge.settings import setting_words, varying
+from simval.report.curves import SEEN, Z95, Curve, Slope, ratio, read, simultaneous
+from simval.report.formatting import spelled
 from simval.report.panels import Drawing
 from simval.results import Row
 from simval.shapes import Float

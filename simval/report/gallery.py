@@ -20,6 +20,7 @@ from simval.figures import (
     belongs,
     entries,
 )
+from simval.judge.settings import axis_words, setting_words, varying
 from simval.report import panels
 from simval.report.curves import (
     MAX_GROUPS,
@@ -35,17 +36,9 @@ from simval.report.curves import (
     ratio_strips,
     read,
     spans,
-    varying,
 )
 from simval.report.findings import Claim, behind, claiming, limited
-from simval.report.formatting import (
-    FORMULAS,
-    axis_words,
-    begun,
-    setting_words,
-    slug,
-    spelled,
-)
+from simval.report.formatting import FORMULAS, begun, slug, spelled
 from simval.report.panels import (
     BOUND,
     COLOURS,

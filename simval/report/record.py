@@ -114,15 +114,22 @@ def _settings(known: Mapping[str, Any], grid: Mapping[str, Any]) -> list[str]:
 def suite_text(manifest: Mapping[str, Any]) -> str:
     """Spell the whole grid as a suite file."""
     grid = manifest["grid"]
-    lines = [f"title = {_toml(manifest['title'])}", f"seed = {_toml(grid['seed'])}"]
-    for study, table in grid.items():
-        if study != "seed":
-            lines += ["", f"[{study}]"]
-            lines += [
+    own = {key: manifest[key] for key in ("title", "question") if manifest.get(key)}
+    tables = [("", own | {"seed": grid["seed"]})]
+    tables += [("[[need]]", need) for need in manifest.get("need", ())]
+    tables += [(f"[{s}]", table) for s, table in grid.items() if s != "seed"]
+    lines = [
+        line
+        for head, table in tables
+        for line in (
+            *((["", head]) if head else ()),
+            *(
                 f"{key} = {_toml(value)}"
                 for key, value in table.items()
                 if value is not None  # left out is what the default None means
-            ]
+            ),
+        )
+    ]
     return "\n".join(lines) + "\n"
 
 

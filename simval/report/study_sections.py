@@ -23,10 +23,11 @@ from simval.figures import (
     predictor,
     words,
 )
+from simval.judge.settings import axis_words, varying
 from simval.report.artifacts import drawn_artifacts
-from simval.report.curves import fitted_slope, order, varying
+from simval.report.curves import fitted_slope, order
 from simval.report.findings import Claim, behind, claiming, slopes_said
-from simval.report.formatting import axis_words, slug, spelled
+from simval.report.formatting import slug, spelled
 from simval.report.gallery import (
     Cells,
     Point,

@@ -17,16 +17,20 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from simval.change import EFFORT
 from simval.figures import Figure, Headline, Quote
+from simval.judge import needs
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.gate import outcome
+from simval.judge.needs import replies_to
 from simval.judge.result_lines import gate_account
 from simval.judge.runs import origin_of
+from simval.judge.settings import setting_words, varying
 from simval.report.algorithms import has_user_code, lines_of_algorithms
 from simval.report.answers import (
     Number,
@@ -38,13 +42,15 @@ from simval.report.answers import (
 )
 from simval.report.checks import FIRST, failing_figures
 from simval.report.comparison import moves_table
-from simval.report.curves import PREFERRED, numeric, spans, varying
+from simval.report.curves import PREFERRED, numeric, spans
 from simval.report.failing import FAILING, failing_table, reason
-from simval.report.formatting import angle_unit, begun, setting_words, spelled
+from simval.report.formatting import angle_unit, begun, spelled
 from simval.report.gallery import drawn
+from simval.report.log_page import tables_of
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import shown_of
+from simval.report.table import Column
 from simval.results import Row
 from simval.spelling import counted, rounded, whole
 from simval.statistics import (
@@ -144,7 +150,7 @@ def any_reading(cell: CellResult) -> Reading | None:
     rows = headline_rows(cell)[:MOST]
     if not rows:
         return None
-    study, what = begun(spelled(cell.study)), [row_words(row) for row in rows]
+    study, what = begun(spelled(cell.study)), [row.statistic.words for row in rows]
     numbers = [
         number_of_row(f"{study}, {words}", row)
         for words, row in zip(what, rows, strict=True)
@@ -152,12 +158,6 @@ def any_reading(cell: CellResult) -> Reading | None:
     first = numbers[0]
     said = "; ".join(filter(None, (f"{what[0]} {first.said}", first.beside)))
     return Reading(said, numbers, first, _distance(rows[0]), rows[0].n)
-
-
-def row_words(row: Row) -> str:
-    """What a row is of, in words."""
-    entries = row.statistic.entries
-    return row.statistic.family.words + (f" ({', '.join(entries)})" if entries else "")
 
 
 def headline_rows(cell: CellResult) -> list[Row]:
@@ -321,7 +321,7 @@ def _of_any(cells: Sequence[CellResult]) -> Figure | None:
     row = next((row for cell in cells for row in headline_rows(cell)), None)
     if row is None:
         return None
-    what = row_words(row)
+    what = row.statistic.words
     return Figure(
         name="", rows=[row.statistic], by=row.predictor, value=what,
         caption=f"{what[:1].upper()}{what[1:]}.",
@@ -417,6 +417,12 @@ def summary_section(context: Context) -> Section | None:
     return made(
         first_figures(context),
         [*([table] if table else []), *moves],
+        asked=replies_to(judged.asked),
+        answers=[
+            replace(table, columns=(Column("setting"), *table.columns[1:]))
+            for each in needs.tables_of(judged.asked)
+            for table in islice(tables_of(each), 1)  # without every digit
+        ],
         answer=judged.answer,
         headline=due.said if due else f"{begun(first)}.",
         notes=[

@@ -166,7 +166,9 @@ def bring(files: Iterable[str | Path]) -> None:
         why = "" if name.isidentifier() else "no name of a module"
         if (own / file.name).exists():
             why = "the name of a module of simval"
-        elif name in ("title", "seed") or hasattr(StudyParameters, name):
+        elif name in ("title", "seed", "question", "need") or hasattr(
+            StudyParameters, name
+        ):
             why = "no key that a suite can have"
         if why:
             msg = f"study {file}: `{name}` is {why}; rename the file"

@@ -37,10 +37,11 @@ PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
 
 
 def manifest(suite: Suite) -> dict[str, Any]:
-    """Everything that the numbers of a suite depend on."""
+    """Everything that the numbers of a suite depend on, and what it asks of them."""
     return {
         "suite": suite.name,
         "title": suite.title,
+        **asked(suite),
         "grid": respelled(suite.grid, portable),  # file names instead of paths
         "cells": len(suite.cells),
         "versions": versions(),
@@ -50,6 +51,12 @@ def manifest(suite: Suite) -> dict[str, Any]:
         "files": file_hashes(suite.grid),
         "machine": machine(),
     }
+
+
+def asked(suite: Suite) -> dict[str, Any]:
+    """The question of a suite, and its needs, as its file has them."""
+    needs = [need.model_dump(exclude_defaults=True) for need in suite.needs]
+    return {"question": suite.question, "need": needs}
 
 
 def versions() -> dict[str, str]:

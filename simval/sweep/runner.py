@@ -165,6 +165,7 @@ def drive(
             _compute(database, folder, compute, queue, progress)
             manifest = store.manifest(database)
             manifest["environments"] = environments(store.entry(database, "machines"))
+            manifest |= provenance.asked(suite)  # no number depends on it
             store.keep_manifest(database, manifest)
             spent = store.times(database)
             timing = {

@@ -37,6 +37,7 @@ from simval.sweep.cells import (
     digest_of,
     digest_of_entries,
 )
+from simval.sweep.needs import Need
 
 SCHEMA_VERSION = 4
 PATIENCE = 30.0
@@ -285,6 +286,8 @@ class _Manifest(BaseModel):
     source: str
     files: dict[str, str]
     environments: list[dict[str, Any]] = Field(default_factory=list)  # at the end
+    question: str = ""
+    need: list[Need] = Field(default_factory=list)
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:

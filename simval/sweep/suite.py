@@ -7,6 +7,10 @@
     noise_std = [0.005, 0.01]       # a list is an axis of the grid
     samples = 1_000_000             # a scalar is the same in every cell
 
+    [[need]]                        # what its numbers must keep: see `needs`
+    quantity = "attitude.rms"
+    below = "0.02"
+
 Each value is checked against the study's own parameters; what is left out takes the
 study's default. `--set attitude.noise_std=1e-3,1e-2` on the command line wins.
 
@@ -39,6 +43,7 @@ from simval.plugins.names import located
 from simval.studies import STUDIES
 from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell, StudyParameters
+from simval.sweep.needs import Need
 from simval.text import as_whole, did_you_mean, shown
 from simval.vocabulary import builtin_suites
 
@@ -64,6 +69,8 @@ class Suite:
     title: str  # one line for people
     cells: Sequence[Cell]  # all of the grid for each seed in turn
     grid: Grid  # the file's content after overrides, for the manifest
+    question: str = ""  # that it is to answer
+    needs: Sequence[Need] = ()
 
 
 def suite_model() -> type[BaseModel]:
@@ -90,6 +97,8 @@ def _model_of(studies: tuple[str, ...]) -> type[BaseModel]:
         __config__=strict,
         title=(str, Field(default="", description="One line for people.")),
         seed=(seeds, Field(default=1, description="Seed, or one grid for each.")),
+        question=(str, Field(default="", description="What it is to answer.")),
+        need=(list[Need], Field(default=[], description="Quantities, with limits.")),
         **tables,
     )
 
@@ -171,7 +180,17 @@ def expand(name: str, content: Grid) -> Suite:
     cells = tuple(Cell(study, own, seed) for seed in seeds for study, own in points)
     _check_names(name, cells)
     grid = {"seed": seeds} | {key: getattr(model, key).model_dump() for key in studies}
-    return Suite(name, model.title, cells, grid)  # type: ignore[attr-defined]
+    words = model.model_dump(include={"title", "question"})
+    needs: list[Need] = getattr(model, "need")  # noqa: B009 - a field made above
+    for need in needs:
+        if need.study not in studies:
+            near = did_you_mean(need.study, studies)
+            msg = (
+                f"suite {name} needs {need.quantity}, and has no study `{need.study}`"
+                f"{near}: it has {', '.join(studies)}"
+            )
+            raise InputError(msg)
+    return Suite(name=name, cells=cells, grid=grid, needs=needs, **words)
 
 
 def _points(name: str, study: str, content: BaseModel) -> Iterator[StudyParameters]:
@@ -294,6 +313,8 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
         known = tuple(model.model_fields)
         if len(words) > 1 and words[0] in STUDIES:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
+        elif words[0] == "need":
+            known = tuple(Need.model_fields)
         near = did_you_mean(words[-1], known)
         return f"`{path}` is not a known key{near}; known here: {', '.join(known)}"
     given = f"(given {shown(error['input'])})"
@@ -304,7 +325,7 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
             f"`{path}`: Input should be a number, without unit or quotes {given}: "
             f"{(study[names[1]].description or '').rstrip('.')}"
         )
-    return f"`{path}`: {error['msg']} {given}"
+    return f"`{path}`: {error['msg'].removeprefix('Value error, ')} {given}"
 
 
 def _as_list(value: Any) -> list[Any]:

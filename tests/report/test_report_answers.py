@@ -235,6 +235,10 @@ def test_a_filter_that_fails_opens_with_the_reason_that_check_finds(tmp_path):
     assert told["mine.py, normalised squared error"] == ("6.75", "3 predicted")
     assert 3 <= len(told) <= 5
     assert [drawing.name for drawing in section.drawings] == ["failing-time"]
+    accepted = replace(small_runs.own_filter(tmp_path / "accepted"), cells=run.cells)
+    section, _ = first_screen(run, against=accepted)
+    titles = {panel.title for panel in section.drawings[0].panels}
+    assert {t.partition(", ")[0] for t in titles} == {"run", "accepted"}
 
 
 def chapters(page):

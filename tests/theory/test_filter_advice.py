@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from faces import check_faces
 from filter_paths import wobble
 from filter_trials import model_of
 
@@ -87,6 +88,7 @@ def test_where_no_setting_is_right(advised):
     assert give.answer == "fail"
     assert give.headline.startswith("No setting")
     assert "--band" in give.do
+    check_faces(found.account)
     text = " ".join("\n".join(lines(found.account, verbose=True)).split())
     assert found.account.replies[0].headline in text
 

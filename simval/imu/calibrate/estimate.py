@@ -139,10 +139,10 @@ class Estimate(Told, ShownFit):
             few = status == "max iterations" and steps < self.ample
             msg = (
                 f"{counted(bad.size, 'trial')} did not converge, the first is trial "
-                f"{bad[0]} ({status}) after {steps} iterations: {self.advice}"
-                + (" (or raise `max_iterations`)" if few else "")
+                f"{bad[0]} ({status}) after {steps} iterations"
             )
-            raise ConvergenceError(msg)
+            do = self.advice + (" (or raise `max_iterations`)" if few else "")
+            raise ConvergenceError(msg, do, iterations=steps)
         return self
 
     def _require_single(self) -> None:

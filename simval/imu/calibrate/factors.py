@@ -146,13 +146,13 @@ class NoiseFactors(ReadOnly):
         return f"{names}, and which is why is open" + (f": {said}" if said else "")
 
     @property
-    def refusal(self) -> str:
-        """Why the fit is no calibration; empty where it is one.
+    def refusal(self) -> RefusedError | None:
+        """Why the fit is no calibration; None where it is one.
 
         An accelerometer's is not refused: its own fit has just such error bars.
         """
         if self.odds < np.log(REFUSED):
-            return ""
+            return None
         for sensor in self.sensors[1:]:
             own = [each for each in self.errors if each.cause == sensor.name]
             worst = max(own, key=lambda each: each.share)
@@ -162,13 +162,17 @@ class NoiseFactors(ReadOnly):
             if worst.kind == "matrix":
                 sound, beyond = worst.size <= CHANGED, f"{100.0 * CHANGED:g} % at most"
             if sensor.name in self.blamed and not sound:
-                return (
+                words = (
                     f"{worst.words}, {beyond}: it does not follow the model of one "
-                    f"calibration; look at {sensor.item} {sensor.worst}, which is "
-                    "farthest off, at a scale or a bias that changes with time, at the "
-                    "range and the clock of the sensor, and at that noise"
+                    "calibration"
                 )
-        return ""
+                do = (
+                    f"look at {sensor.item} {sensor.worst}, which is farthest off, at "
+                    "a scale or a bias that changes with time, at the range and the "
+                    "clock of the sensor, and at that noise"
+                )
+                return RefusedError(words, do, widening=worst.widening, size=worst.size)
+        return None
 
     def as_object(self) -> dict[str, Any]:
         """Return what was found of each sensor, as JSON can hold it."""

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.arrays import Array
-from simval.errors import RefusedError
 from simval.imu.calibrate.equations import Problem, Variances, Whitened
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.goodness_of_fit import Beside, NoiseSource, Residuals
@@ -192,6 +191,6 @@ def weighed(
     (used, found), noise = judged((problem, stated), fit, rows)
     if not found.converged[0]:  # residuals of no solution
         return problem, stated, NOT_JUDGED
-    if noise.refusal:
-        raise RefusedError(noise.refusal)
+    if (refusal := noise.refusal) is not None:
+        raise refusal
     return used, found, noise

@@ -442,9 +442,9 @@ def _without_holes(
         msg = (
             f"rows are missing in each of the {len(first)} rotations between rests, "
             f"{longest.min():.3g} s at once or more, where {usual:.3g} s is usual; "
-            "what was turned there is not known, so record again"
+            "what was turned there is not known"
         )
-        raise RefusedError(msg)
+        raise RefusedError(msg, "record again", hole_s=float(longest.min()))
     return whole
 
 
@@ -456,10 +456,9 @@ def _require_in_range(y: Array, first: Any, last: Any, full_scale: float) -> Non
             msg = (
                 f"the rotation between rests {k} and {k + 1} reads "
                 f"{reached.max():.6g} in row {a + int(reached.argmax())}, and the "
-                f"sensor's range ends at {most:g}: what was turned there is not known; "
-                "turn more slowly, or set a wider range"
+                f"sensor's range ends at {most:g}: what was turned there is not known"
             )
-            raise SaturatedError(msg)
+            raise SaturatedError(msg, "turn more slowly, or set a wider range")
 
 
 def _rest_means(

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.account import Account, Told
+from simval.account import Account, Remark, Told
 from simval.arguments import choice
 from simval.arrays import Array, ReadOnly
 from simval.errors import InputError, RefusedError
@@ -117,8 +117,8 @@ class LogCalibration(Told, ReadOnly):
         The one fit that all of these are of, where there are three sensors.
     taken : Taken
         What was taken out of the readings of all, and why.
-    left_out : mapping of str to str
-        Sensors of the log that are not calibrated, and why.
+    left_out : mapping of str to Remark
+        Sensors of the log that are not calibrated: why, and what to do.
     field_noise : PoseNoise or None
         Noise of the magnetometer's pose means, and where it comes from.
     thermal_reasons : tuple of str
@@ -147,7 +147,7 @@ class LogCalibration(Told, ReadOnly):
     magnetometer: MagnetometerFit | None = None
     together: Calibration | None = None
     taken: Taken = NOTHING
-    left_out: Mapping[str, str] = default(default_factory=dict)
+    left_out: Mapping[str, Remark] = default(default_factory=dict)
     field_noise: PoseNoise | None = None
     thermal_reasons: tuple[str, ...] = ()
     units: Mapping[str, Scale] = default(default_factory=dict)
@@ -425,7 +425,7 @@ def calibrate_sensors(
     )  # fmt: skip
     shifts = {"accelerometer": result.warm.shifts}
     parts: dict[str, Calibration] = {}
-    left_out: dict[str, str] = {}
+    left_out, place = dict[str, Remark](), f"{log.path}: "
     field_noise, warm = None, ThermalChoice()
     for name, samples in _wanted(log, asked):
         try:
@@ -442,7 +442,9 @@ def calibrate_sensors(
         except RefusedError as error:
             if asked is not None:
                 raise
-            left_out[name] = for_a_log(str(error))
+            said = error.remark
+            words, do = map(for_a_log, (said.words.removeprefix(place), said.do))
+            left_out[name] = said._replace(words=words, do=do)
     imu, compass = parts.get("gyroscope"), parts.get("magnetometer")
     warm = ThermalChoice() if compass is None else warm  # what is left out has none
     whole, refusal = _all(parts, shifts)
@@ -533,9 +535,10 @@ def _gyroscope(
         msg = (
             f"it turns in {len(result.cuts)} of the {len(result.intervals)} "
             f"rests of the accelerometer, and {PARAMETERS} rests in which both "
-            "are still are needed; record more rests in which nothing turns"
+            "are still are needed"
         )
-        raise RefusedError(msg)
+        do = "record more rests in which nothing turns"
+        raise RefusedError(msg, do, rests=len(result.intervals))
     scheme: Scheme = "cubic" if log.gyro_rows.kind == "instant" else "averages"
     samples = log.gyro_rows.in_place(log.time, samples)
     shifts = {"accelerometer": result.warm.shifts}

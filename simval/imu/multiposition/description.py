@@ -9,7 +9,7 @@ of a reading on its axis k, the covariance of a corrected reading is
 :math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Any, NamedTuple
@@ -64,6 +64,9 @@ from simval.imu.multiposition.record import (
     budget_object,
     correlations,
     gravity_words,
+    other_budget,
+    other_sources,
+    sources,
 )
 from simval.imu.sensor import forms
 from simval.imu.sensor.readable import WIDE, accelerometer_values
@@ -375,11 +378,19 @@ def trusted(whole: Any) -> Reply:
     )
 
 
+def left_out_words(left_out: Mapping[str, Remark]) -> list[str]:
+    """Sentences on the sensors of a log that were left out."""
+    return [
+        f"The {name} is left out: {said}{'' if said.do else '.'}"
+        for name, said in left_out.items()
+    ]
+
+
 def _next(whole: Any) -> Reply:
     outliers = [str(whole.numbers[k]) for k in whole.diagnosis.outliers]
     further = ", ".join(f"{x:.2f}" for x in whole.next_direction)
     rest = "rest" if len(outliers) == 1 else "rests"
-    left = [f"The {name} is left out: {why}." for name, why in whole.left_out.items()]
+    left = left_out_words(whole.left_out)
     if whole.pose_noise.do:
         left.append(f"The noise of a pose is {whole.pose_noise.words}.")
         left.append(whole.pose_noise.do)
@@ -420,8 +431,10 @@ def _values(whole: Any) -> Iterator[Values]:
         names, signs = zip(*forms.entries(fit.model), strict=True)
         yield correlations("accelerometer", names, fit.covariance, np.array(signs))
     if own is not None:
+        yield other_budget("gyroscope", own, own.names)
         yield correlations("gyroscope", own.names, own.own_covariance)
     if compass is not None:
+        yield other_budget("magnetometer", compass, OWN_NAMES)
         yield correlations("magnetometer", OWN_NAMES, compass.own_covariance)
 
 
@@ -539,14 +552,15 @@ def as_object(whole: Any) -> dict[str, Any]:
         "next_direction": whole.next_direction.tolist(),
         "bound_sd": None if whole.predicted is None else bound_sd(whole).tolist(),
         "bias": None if whole.predicted is None else whole.predicted.bias.tolist(),
-        "budget": budget_object(whole),
+        "budget": budget_object(sources(whole)),
     }
 
 
 def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     """The sensors after the accelerometer, and the conditions of all error bars."""
     units = {name: each.as_object() for name, each in whole.units.items()}
-    values: dict[str, Any] = {"left_out": dict(whole.left_out), "units": units}
+    left = {name: said.as_object() for name, said in whole.left_out.items()}
+    values: dict[str, Any] = {"left_out": left, "units": units}
     seen = whole.warm.rests
     if seen is not None:
         values["temperature"] = {
@@ -564,6 +578,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "G_sd": whole.taken.G_sd.tolist(),
             "reasons": list(whole.taken.reasons),
             "residuals": whole.gyroscope.noise.as_object(),
+            "budget": budget_object(other_sources(whole.gyroscope, 12)),
         }
     if whole.magnetometer is not None:
         values["magnetometer"] = _magnetometer_object(whole.magnetometer)
@@ -573,6 +588,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "pose_noise_std": noise.std.tolist(),
             "pose_noise_white_std": noise.white.tolist(),
             "residuals": whole.magnetometer.noise.as_object(),
+            "budget": budget_object(other_sources(whole.magnetometer, len(OWN_NAMES))),
         }
     if whole.together is not None:
         values["together"] = whole.together.as_object()

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy
 
+from simval.account import Remark
 from simval.arrays import Array, ReadOnly, frozen, positive_number
 from simval.errors import InputError, RefusedError
 from simval.geometry import normalize
@@ -56,7 +57,7 @@ class LogNoise:
     means : Array
         Mean reading of the accelerometer in these rows, and then in every rest that
         was found, raw units, (m, 3).
-    left_out : mapping of str to str
+    left_out : mapping of str to Remark
         Sensors of the log whose noise cannot be told, and why.
     """
 
@@ -68,7 +69,7 @@ class LogNoise:
     gyro: tuple[AxisNoise, ...]
     magnetometer: tuple[AxisNoise, ...]
     means: Float[Array, "m 3"]
-    left_out: Mapping[str, str]
+    left_out: Mapping[str, Remark]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "means", frozen(self.means))
@@ -127,7 +128,7 @@ def log_noise(
         try:
             compass = noise_of_readings(log.magnetometer[start:stop], log.rate)
         except RefusedError as error:
-            left_out["magnetometer"] = str(error)
+            left_out["magnetometer"] = error.remark
     return LogNoise(
         start=start,
         stop=stop,

@@ -6,9 +6,18 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from simval.account import Account, Fact, Line, Note, Quantity, Reply, Values
+from simval.account import (
+    Account,
+    Fact,
+    Line,
+    Note,
+    Quantity,
+    Remark,
+    Reply,
+    Values,
+)
 from simval.imu.logs import Log
-from simval.imu.multiposition.description import log_object
+from simval.imu.multiposition.description import left_out_words, log_object
 from simval.imu.multiposition.log_units import Scale, unit_facts
 from simval.imu.multiposition.noise import LogNoise
 from simval.imu.noise import AxisNoise, Coefficient
@@ -236,7 +245,7 @@ def as_object(
         },
         "sensors": listed,
         "units": {each.name: each.scale.as_object() for each in sensors},
-        "left_out": dict(found.left_out),
+        "left_out": {name: said.as_object() for name, said in found.left_out.items()},
         "kalibr": {name: x.value for name, x in kalibr if x.value is not None}
         | {"update_rate": log.rate},
         "kalibr_bounds": {name: x.bound for name, x in kalibr if x.bound is not None},
@@ -373,8 +382,8 @@ def _range(axes: Sequence[AxisNoise]) -> str:
     return f"{low:.2g} s to {high:.3g} s"
 
 
-def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, str]) -> Reply:
-    do = [f"The {name} is left out: {why}." for name, why in left_out.items()]
+def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, Remark]) -> Reply:
+    do = left_out_words(left_out)
     do += [
         f"The {s.title} is in units of the log: state its unit (--{s.name}-unit)."
         for s in sensors

@@ -89,19 +89,19 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
         if np.ptp(column) == 0.0:
             msg = (
                 f"{log.path}: axis {axis} of the {name} shows {column[0]:g} in every "
-                "row; look at its cable and its settings"
+                "row"
             )
-            raise RefusedError(msg)
+            raise RefusedError(msg, "look at its cable and its settings", axis=axis)
         for sign in (1.0, -1.0):
             start, length = rail(sign * column, least)
             if length:
                 msg = (
                     f"{log.path}: axis {axis} of the {name} stays at {column[start]:g} "
                     f"for {length} rows from {log.time[start]:.2f} s, the end of its "
-                    "range, so the rate beyond it is unknown; turn more slowly, or set "
-                    "a wider range"
+                    "range, so what is beyond it is unknown"
                 )
-                raise SaturatedError(msg)
+                do = "turn more slowly, or set a wider range"
+                raise SaturatedError(msg, do, axis=axis, rows=length)
 
 
 def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
@@ -131,6 +131,6 @@ def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
         low, high = AXES[int(scales.argmin())], AXES[int(scales.argmax())]
         msg = (
             f"{log.path}: axis {high} of the {name} counts in units {ratio:.3g} "
-            f"times those of axis {low}; write all three axes in the same unit"
+            f"times those of axis {low}"
         )
-        raise RefusedError(msg)
+        raise RefusedError(msg, "write all three axes in the same unit", times=ratio)

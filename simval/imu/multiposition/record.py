@@ -8,7 +8,7 @@ trembling hand, the share of the noise that they are. The expanded uncertainty i
 :math:`U = k u`, k the 97.5 % quantile of the law of each interval.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -36,11 +36,11 @@ def record_facts(labels: Mapping[str, str], gravity: Gravity) -> Iterator[Fact]:
 
 
 class Contribution(NamedTuple):
-    """One source of uncertainty of the nine parameters."""
+    """One source of uncertainty of the parameters of a sensor."""
 
     name: str
     words: str  # how it was found
-    sd: Float[Array, "9"]  # NaN where there is no number
+    sd: Float[Array, " n"]  # NaN where there is no number
     part: bool = False  # whether it is in the scatter already
     most: bool = False  # whether it is an upper limit
     missing: str = "not known"  # where there is no number
@@ -130,40 +130,90 @@ def budget(whole: Any) -> Values:
         int(np.argmax(np.where(kinds == kind, sizes, 0.0)))
         for kind in dict.fromkeys(kinds.tolist())
     ]
-    low, high = fit.intervals.T
+    factors = np.array([size / sd for size, sd in zip(sizes, fit.sd, strict=True)])
+    heads = {k: f"{names[k]}, {bars[k][1].name}" for k in worst}
+    return _table("uncertainty budget", found, fit.sd, fit.intervals, heads, factors)
+
+
+def other_sources(fit: Any, count: int) -> tuple[Contribution, ...]:
+    """Where the uncertainty of a sensor's own parameters comes from, the last ones.
+
+    That of the accelerometer, whose axes they are on, by the conditional covariance.
+    """
+    C, n = fit.covariance, len(fit.covariance) - count
+    known = C[n:, n:] - C[n:, :n] @ np.linalg.solve(C[:n, :n], C[:n, n:])
+    own, whole = np.diagonal(known), np.diagonal(C[n:, n:])
+    found = fit.noise.words or "every sensor scatters as its noise explains"
+    parts = "; the parts of it are told for the accelerometer alone"
+    carried = "its calibration, which was fitted together and fixes the axes"
+    return (
+        Contribution("scatter", f"{found}{parts}", np.sqrt(np.maximum(own, 0.0))),
+        Contribution("accelerometer", carried, np.sqrt(np.maximum(whole - own, 0.0))),
+        Contribution("gravity", "its direction alone is used", np.zeros(count)),
+    )
+
+
+def other_budget(sensor: str, fit: Any, names: Sequence[str]) -> Values:
+    """Sources of the uncertainty of the worst entry of M, and of the bias."""
+    count, sd = len(names), fit.sd[-len(names) :]
+    heads = {
+        k: f"{names[k]}, {unit}"
+        for part, unit in ((slice(9), "ppm of M"), (slice(9, 12), "units of the log"))
+        for k in [int(np.arange(count)[part][np.argmax(sd[part])])]
+    }
+    factors = np.ones(count)
+    factors[:9] = 1e6 / np.linalg.norm(fit.M, axis=0).mean()
+    found, intervals = other_sources(fit, count), fit.intervals[-count:]
+    title = f"uncertainty budget of the {sensor}"
+    return _table(title, found, sd, intervals, heads, factors)
+
+
+def _table(
+    title: str,
+    found: Sequence[Contribution],
+    sd: Array,
+    intervals: Array,
+    heads: Mapping[int, str],
+    factors: Array,
+) -> Values:
+    """Rows for each source and for all together; columns of some parameters."""
+    width = (intervals[:, 1] - intervals[:, 0]) / 2.0
     rows = (
         *found,
-        Contribution("together, u", "", fit.sd),
-        Contribution("expanded, U", "", (high - low) / 2.0),
+        Contribution("together, u", "", sd),
+        Contribution("expanded, U", "", width),
     )
-    lines = []
-    for each in rows:
-        sd = readable(fit, each.sd)
-        cells = [each.cell(names[k], sd[k][0]) for k in worst]
-        lines.append(Line(each.label, "", cells, notable=False))
-    k = (high - low)[worst] / 2.0 / fit.sd[worst]
-    factors = " and ".join(dict.fromkeys(f"{x:.3g}" for x in k.tolist()))
+    lines = [
+        Line(each.label, "", [
+            each.cell(head, factors[k] * each.sd[k]) for k, head in heads.items()
+        ], notable=False)
+        for each in rows
+    ]  # fmt: skip
+    ratios = (width / sd)[list(heads)].tolist()
+    quantiles = " and ".join(dict.fromkeys(f"{x:.3g}" for x in ratios))
     return Values(
-        title="uncertainty budget",
+        title=title,
         how="of the worst axis of each kind, standard deviations",
         lines=lines,
-        heads=[f"{names[k]}, {bars[k][1].name}" for k in worst],
+        heads=list(heads.values()),
         facts=(
             *(Fact(each.label, each.words) for each in found),
-            Fact("expanded, U", f"U = k u holds the true value in 95 %, k = {factors}"),
+            Fact(
+                "expanded, U", f"U = k u holds the true value in 95 %, k = {quantiles}"
+            ),
         ),
     )
 
 
-def budget_object(whole: Any) -> list[dict[str, Any]]:
-    """The budget of all nine parameters as plain JSON values."""
+def budget_object(found: Sequence[Contribution]) -> list[dict[str, Any]]:
+    """A budget of all parameters as plain JSON values."""
     return [
         {
             "source": each.name, "said": each.words, "part": each.part,
             "limit": each.most,
             "sd": each.sd.tolist() if np.isfinite(each.sd).all() else None,
         }
-        for each in sources(whole)
+        for each in found
     ]  # fmt: skip
 
 

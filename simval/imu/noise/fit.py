@@ -131,9 +131,9 @@ def noise_of(
     if len(signals) < LEAST_ROWS:
         msg = (
             f"{len(signals)} rows at rest are too few for a noise model: {LEAST_ROWS} "
-            "or more are needed, and a minute to an hour is better; record longer"
+            "or more are needed, and a minute to an hour is better"
         )
-        raise RefusedError(msg)
+        raise RefusedError(msg, "record longer", rows=len(signals))
     counts = averaging_counts(len(signals))
     variances = allan_variance(signals, counts)
     steps = [rounding_step(signals[:, k]) for k in range(signals.shape[1])]
@@ -530,10 +530,10 @@ def own_readings(rows: Float[Array, "n axes"]) -> OwnReadings:
             f"{share:.2g} % of its rows repeat the one before, at no regular "
             "step: the sensor is slower than the log, or interpolated, or "
             "stands still at times, or its steps are far above its noise, "
-            "which then cannot be measured; log it at its own rate, and with a "
-            "finer resolution"
+            "which then cannot be measured"
         )
-        raise RefusedError(msg)
+        do = "log it at its own rate, and with a finer resolution"
+        raise RefusedError(msg, do, repeated_percent=share)
     own = np.append(np.repeat(places[:-1], count), places[-1])
     return OwnReadings(rows=rows[own], each=each)
 
@@ -555,8 +555,9 @@ def noise_of_readings(
     except RefusedError as error:
         if own.each == 1.0:
             raise
-        msg = f"each of its readings is repeated in {own.each:.3g} rows, and {error}"
-        raise RefusedError(msg) from None
+        each = f"each of its readings is repeated in {own.each:.3g} rows"
+        words = f"{each}, and {error.words}"
+        raise RefusedError(words, error.do, **error.numbers) from None
     if own.each == 1.0:
         return axes
     said = (

@@ -7,6 +7,7 @@ from itertools import cycle
 
 import numpy as np
 import pytest
+from faces import check_faces
 from imu.audit.zoo import LEVER, MOUNT, ZOO, G, declared, names, simulated
 from scipy import stats
 
@@ -29,6 +30,7 @@ def test_what_is_wrong_is_found_and_named(name, noise):
     found = audit(imu, declared())
     assert names(found) == ZOO[name][2], str(found)
     assert found.exit_code == (1 if ZOO[name][2] else 0), str(found)
+    check_faces(found.account)
 
 
 RANGE = [

@@ -16,7 +16,7 @@ from simval.imu.calibrate import load_calibration, local_gravity
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.description import with_log
-from simval.imu.multiposition.record import bound_sd, sources
+from simval.imu.multiposition.record import bound_sd, other_sources, sources
 from simval.theory import calibration_moments
 
 PLACE = ("--latitude", "46.5", "--height", "800")
@@ -88,6 +88,23 @@ def test_a_record_is_seen_where_it_is_asked_for(scene):
     # the noise is known: k of a normal law, of numbers with two digits
     ratio = rows["expanded, U"] / rows["together, u"]
     np.testing.assert_allclose(ratio, 1.96, rtol=0.1)
+    # of the others by the inverse of the information, whose block is as if the
+    # accelerometer's nine were known; gravity's scale is in none of their parameters
+    exact = calibrate_sensors(log, calibrate_log(log, g=9.81))
+    for each, other, count in (
+        (whole.gyroscope, exact.gyroscope, 12),
+        (whole.magnetometer, exact.magnetometer, 13),
+    ):
+        size = np.sqrt(np.diagonal(each.covariance))
+        scaled = each.covariance / np.outer(size, size)
+        known = np.linalg.inv(np.linalg.inv(scaled)[9:, 9:])
+        scatter, carried, gravity = (x.sd for x in other_sources(each, count))
+        alone = np.sqrt(np.diagonal(known)) * size[9:]
+        np.testing.assert_allclose(scatter, alone, rtol=1e-6)
+        np.testing.assert_allclose(np.hypot(scatter, carried), size[9:], rtol=1e-9)
+        assert np.any(carried > 0.05 * scatter)
+        np.testing.assert_allclose(each.sd[-count:], other.sd[-count:], rtol=1e-3)
+        assert not gravity.any()
     parts = {each.name: each for each in sources(whole)}
     assert "of the accelerometer alone" in parts["noise"].words
     assert np.all(parts["resolution"].sd <= parts["noise"].sd)

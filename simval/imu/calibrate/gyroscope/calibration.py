@@ -98,11 +98,14 @@ def require_told(
         fault = f"leave a relative error of {sd:.2g}, {SD_LIMIT:g} at most"
     msg = (
         f"the {len(rows) // 2} rotations {fault}: they do not determine "
-        f"{missing(found)}; from the last rest turn by "
-        f"{np.degrees(angle):.0f} degrees about the axis ({named}) of the "
-        "sensor and rest again, and so on with other axes"
+        f"{missing(found)}"
     )
-    raise GeometryError(msg)
+    do = (
+        f"from the last rest turn by {np.degrees(angle):.0f} degrees about the axis "
+        f"({named}) of the sensor and rest again, and so on with other axes"
+    )
+    numbers = {"rank": found.rank, "condition": found.condition, "relative_sd": sd}
+    raise GeometryError(msg, do, **numbers)
 
 
 def fit_gyroscope(
@@ -129,9 +132,9 @@ def fit_gyroscope(
     u = normalize(sensor.corrected(theta).w)
     M, J, e = approach(inter_rest, noise.bias_value, u, _start(inter_rest, u, start))
     refusals, condition = _judged(u, M, J, e)
-    if single and refusals[0]:
-        raise GeometryError(refusals[0])
-    good = np.array([not text for text in refusals])
+    if single and refusals[0] is not None:
+        raise refusals[0]
+    good = np.array([each is None for each in refusals])
     turns = InterRest(inter_rest=inter_rest, noise=noise, each=2)
     begin = [M.reshape(-1, A), noise.bias_value[:, : noise.free - A]]
     factors, follows = NOT_JUDGED, None
@@ -255,24 +258,28 @@ def _judged(
     M: Float[Array, "t 3 3"],
     J: Float[Array, "t r 12"],
     e: Float[Array, "t r"],
-) -> tuple[list[str], Float[Array, " t"]]:
-    # why a trial is refused, empty where it is not, and the condition of its rotations
+) -> tuple[list[GeometryError | None], Float[Array, " t"]]:
+    # why a trial is refused, None where it is not, and the condition of its rotations
     off = np.sqrt((e * e).mean(axis=1))
-    said, condition = [], np.full(len(u), np.inf)
+    condition, found = np.full(len(u), np.inf), list[GeometryError | None]()
     for i, each in enumerate(J):
+        why = None
         try:
             condition[i] = require_told(relative_rows(each, M[i]), u[i]).condition
-            said.append("")
         except GeometryError as refusal:
-            said.append(str(refusal))
-        if not said[-1] and not off[i] <= _FAR:
-            said[-1] = (
+            why = refusal
+        if why is None and not off[i] <= _FAR:
+            words = (
                 f"the rotations end {off[i]:.2g} rad (rms) from where gravity is, "
-                "whatever the scale and the order of the axes; look at the time of "
-                "both sensors, at saturation, and whether the columns are what they "
-                "are taken for"
+                "whatever the scale and the order of the axes"
             )
-    return said, condition
+            do = (
+                "look at the time of both sensors, at saturation, and whether the "
+                "columns are what they are taken for"
+            )
+            why = GeometryError(words, do, rms_rad=float(off[i]))
+        found.append(why)
+    return found, condition
 
 
 _RATIO: Final = 1.1  # of neighbouring scales

@@ -91,9 +91,9 @@ def _require_enough(count: int, known: FitResult | None) -> None:
         )
         msg = (
             f"{count} pose(s) given; each gives {what} {fewest} poses or more, turned "
-            "and tilted to all sides: add poses"
+            "and tilted to all sides"
         )
-        raise GeometryError(msg)
+        raise GeometryError(msg, "add poses", poses=count, fewest=fewest)
 
 
 class Scaled(NamedTuple):

@@ -183,17 +183,16 @@ def refuse_still(readings: dict[str, Float[Array, "n 3"]]) -> None:
         if still.all():
             msg = (
                 f"the {name} reads the same in all {len(values)} poses; it was not "
-                f"moved, or its columns are not those of a sensor: {_ADVICE}"
+                "moved, or its columns are not those of a sensor"
             )
-            raise GeometryError(msg)
+            raise GeometryError(msg, _ADVICE, poses=len(values))
         if still.any():
             axis = int(np.flatnonzero(still)[0])
             msg = (
                 f"axis {'xyz'[axis]} of the {name} reads {values[0, axis]:g} in all "
-                f"{len(values)} poses; a working axis changes from pose to pose, so "
-                "check the column and the wire"
+                f"{len(values)} poses; a working axis changes from pose to pose"
             )
-            raise GeometryError(msg)
+            raise GeometryError(msg, "check the column and the wire", axis=axis)
 
 
 def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> None:
@@ -204,18 +203,20 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
     if code == CompassCode.HEMISPHERE:
         msg = (
             f"the dip is {_degrees(sine)} degrees, too near 0 to show the "
-            "hemisphere with these error bars; leave `hemisphere` out: the "
-            "axes of the magnetometer are then taken as right-handed (det M > "
-            "0)"
+            "hemisphere with these error bars"
         )
-        raise RefusedError(msg)
+        do = (
+            "leave `hemisphere` out: the axes of the magnetometer are then taken as "
+            "right-handed (det M > 0)"
+        )
+        raise RefusedError(msg, do)
     if code == CompassCode.AMBIGUOUS:
         msg = (
             f"two different calibrations fit the {len(body)} poses equally "
-            "well, and so few poses cannot show which is right: add poses; "
-            "twelve or more are always enough when turned to all sides"
+            "well, and so few poses cannot show which is right"
         )
-        raise GeometryError(msg)
+        do = "add poses; twelve or more are always enough when turned to all sides"
+        raise GeometryError(msg, do, poses=len(body))
     said = _geometry_words(body, field)
     wide = not half_width <= WIDEST
     if code == CompassCode.VERTICAL and not wide and not said:
@@ -223,11 +224,13 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
             f"the field is along the vertical (dip {_degrees(sine)} degrees), "
             "so it shows no heading, and the three equations of a pose are "
             f"only two; nearer than {np.degrees(np.arcsin(LEAST_COSINE)):.1f} "
-            "degrees, or five error bars, nothing is fitted: go to another "
-            "place, look for iron below the sensor, and check that the columns "
-            "of one sensor were not given twice"
+            "degrees, or five error bars, nothing is fitted"
         )
-        raise GeometryError(msg)
+        do = (
+            "go to another place, look for iron below the sensor, and check that the "
+            "columns of one sensor were not given twice"
+        )
+        raise GeometryError(msg, do)
     rank = nominal_rank(body, field, noise)
     if rank < PARAMETERS and not said:
         said = "the poses are too few or too much alike for their noise; "
@@ -249,15 +252,17 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
         msg = (
             f"the calibration is uncertain by {100.0 * half_width:.3g} percent of the "
             f"field or of gravity ({worst}, 95 percent half-width), and at most "
-            f"{100.0 * WIDEST:.0f} percent is accepted{scatter}; {said}{_ADVICE}, or "
-            "hold each pose longer"
+            f"{100.0 * WIDEST:.0f} percent is accepted{scatter}"
         )
-        raise (RefusedError if factor > 1.0 else GeometryError)(msg)
+        kind = RefusedError if factor > 1.0 else GeometryError
+        do = f"{said}{_ADVICE}, or hold each pose longer"
+        raise kind(msg, do, half_width=half_width, scatter=factor)
+    rank = min(rank, PARAMETERS - 1)
     msg = (
         f"the {len(body)} poses leave some of the {PARAMETERS} parameters open (rank "
-        f"{min(rank, PARAMETERS - 1)} of {PARAMETERS}): {said}{_ADVICE}"
+        f"{rank} of {PARAMETERS})"
     )
-    raise GeometryError(msg)
+    raise GeometryError(msg, f"{said}{_ADVICE}", rank=rank, poses=len(body))
 
 
 def _degrees(sine: float) -> str:

@@ -1,0 +1,252 @@
+"""What a suite asks of its run: a table of each quantity, and an answer to each need.
+
+A need is met in a cell where the value is on the right side of its limit by more than
+chance, at the run's false-alarm rate for all of them together (`simval.verdict`). Of
+few trials, and of samples without a standard error, nothing can be told.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite, nan
+from typing import Any
+
+from simval.account import GRAVITY, Answer, Line, Quantity, Reply, Values
+from simval.change import EFFORT
+from simval.judge.settings import setting_words, varying
+from simval.results import Check, Row
+from simval.spelling import (
+    counted,
+    in_ascii,
+    measured,
+    rounded_up,
+    series,
+    whole,
+)
+from simval.sweep.needs import UNITS, Need
+from simval.sweep.run import CellResult, Run
+from simval.text import did_you_mean, one_line
+from simval.units import Unit, of_row
+from simval.verdict import ALPHA, MIN_SAMPLES, Verdict, judge
+
+BEGIN: Mapping[Answer, str] = {
+    "pass": "Yes", "fail": "No", "inconclusive": "Cannot tell",
+}  # fmt: skip
+"""The first words of an answer."""
+MOST_TIMES = 100.0
+"""Times as many trials that are worth naming: beyond it both are the same."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """A quantity in one cell."""
+
+    cell: CellResult
+    row: Row
+    verdict: Verdict | None  # that it is just the limit; None without one
+
+    @property
+    def off(self) -> float:
+        """How far it is above its limit."""
+        limit = None if self.verdict is None else self.verdict.row.prediction
+        return self.row.value - (limit or 0.0)
+
+    @property
+    def times(self) -> float:
+        """Times as many trials as would tell it from its limit."""
+        seen = inf if self.verdict is None else self.verdict.detectable
+        return max((seen / (self.off or nan)) ** 2, MIN_SAMPLES / max(self.row.n, 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """A quantity that a suite asks for, in every cell that has it."""
+
+    need: Need
+    question: str  # of the suite
+    unit: Unit  # in which it is told
+    found: Sequence[Found]
+    why: str = ""  # nothing is told of it
+
+    def of(self, each: Found) -> Answer | None:
+        """The answer in a cell; None where nothing is needed."""
+        if each.verdict is None:
+            return None
+        if each.verdict.answer != "fail":
+            return "inconclusive"
+        return "pass" if (each.off < 0.0) == bool(self.need.below) else "fail"
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        return next((x.row.statistic.words for x in self.found), self.need.quantity)
+
+    @property
+    def answer(self) -> Answer:
+        """Good news if the need is met in some cell, and bad news if it is in none."""
+        answers = [answer for x in self.found if (answer := self.of(x))]
+        return min(answers, key=GRAVITY.index, default="inconclusive")
+
+    @property
+    def limit(self) -> str:
+        """The limit in words: ``below 1 mm/s²``."""
+        side = "below" if self.need.below else "above"
+        return one_line(f"{side} {self.need.bound}".replace("^2", "²"))
+
+    def spelled(self, each: Found) -> str:
+        """The value in a cell, with its error and unit."""
+        row, factor = each.row, self.unit.factor
+        words = measured(factor * row.value, factor * row.standard_error)
+        return f"{words} {self.unit.name}".rstrip()
+
+    @property
+    def reply(self) -> Reply:
+        """Whether the need is met, where, and what would tell."""
+        counts = Counter(map(self.of, self.found))
+        said, total = self.why, len(self.found)
+        best = [each for each in self.found if self.of(each) == self.answer]
+        if best:
+            near = min(best, key=lambda each: abs(each.off))
+            said = self.spelled(near)
+            if total > 1:
+                rest = [f", {words.lower()} in {counts[answer]}"
+                        for answer, words in BEGIN.items()
+                        if counts[answer] and answer != self.answer]  # fmt: skip
+                of = f"in {whole(len(best))} of {counted(total, 'setting')}"
+                place = _place(near.cell, [each.cell for each in self.found])
+                said = f"{of}{''.join(rest)}; the nearest is {said} at {place}"
+        return Reply(
+            title=f"Is the {self.words} {self.limit}?",
+            headline=f"{BEGIN[self.answer]}: {said}.",
+            answer=self.answer,
+            do=self._to_do,
+        )
+
+    @property
+    def _to_do(self) -> str:
+        unclear = [each for each in self.found if self.of(each) == "inconclusive"]
+        times = [each.times for each in unclear if 1.0 < each.times <= MOST_TIMES]
+        if not times:
+            return ""
+        return f"Take {rounded_up(max(times))} times as many trials."
+
+    @property
+    def values(self) -> Values:
+        """A table over what varies: a column for each value of what varies least."""
+        cells = [each.cell for each in self.found]
+        keys = [key for key in varying(cells) if key not in EFFORT]
+        columns = [len({repr(c.parameters.get(key)) for c in cells}) for key in keys]
+        across = keys[columns.index(min(columns))] if len(keys) > 1 else ""
+        table: dict[str, dict[str, Quantity]] = {}
+        for each in self.found:
+            head = _setting(each.cell, across) if across else "value"
+            label = _place(each.cell, cells, across) or each.cell.study
+            value, error = (
+                self.unit.factor * x for x in (each.row.value, each.row.standard_error)
+            )
+            own = Quantity(head, value, error, answer=self.of(each))
+            table.setdefault(label, {}).setdefault(head, own)
+        heads = list(dict.fromkeys(head for own in table.values() for head in own))
+        words = f"{self.words[:1].upper()}{self.words[1:]}"
+        what = f"{words}, {self.unit.name}".rstrip(", ")
+        needed = f", needed {self.limit}" if self.need.bound else ""
+        return Values(
+            title=one_line(f"{self.question} {what}{needed}".strip()),
+            heads=heads,
+            lines=[
+                Line(label, "", [own.get(h, Quantity(h, None)) for h in heads])
+                for label, own in table.items()
+            ],
+        )
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values, numbers in the unit of results.csv."""
+        return {
+            **self.need.model_dump(exclude_defaults=True),
+            "unit": next((each.row.unit for each in self.found), None),
+            "settings": [
+                {
+                    "cell": each.cell.name,
+                    "value": each.row.value,
+                    "standard_error": each.row.standard_error,
+                    "answer": self.of(each),
+                }
+                for each in self.found
+                if isfinite(each.row.value)
+            ],
+        }
+
+
+def asked(run: Run, alpha: float = ALPHA) -> tuple[Asked, ...]:
+    """What a run says of the quantities that its suite names."""
+    needs = [Need.model_validate(each) for each in run.manifest.get("need", ())]
+    rows = [
+        (need, cell, row)
+        for need in needs
+        for cell in run.of(need.study)
+        for row in _first(cell, need)
+    ]
+    limited = [
+        (cell.named, replace(row, check=_check(row), prediction=factor * need.limit[0],
+                             remainder=0.0))
+        for need, cell, row in rows
+        if need.bound and (factor := need.factor(row.unit)) is not None
+    ]  # fmt: skip
+    verdicts = iter(judge(limited, alpha))
+    found: dict[Need, list[Found]] = {need: [] for need in needs}
+    for need, cell, row in rows:
+        known = need.bound and need.factor(row.unit) is not None
+        found[need].append(
+            Found(cell=cell, row=row, verdict=next(verdicts) if known else None)
+        )
+    question = run.manifest.get("question", "")
+    return tuple(_asked(run, need, question, own) for need, own in found.items())
+
+
+def _check(row: Row) -> Check:
+    """A value of many samples has an error; without one nothing is told of it."""
+    return "plain" if row.standard_error > 0.0 or row.n > 1 else "exact"
+
+
+def _first(cell: CellResult, need: Need) -> Sequence[Row]:
+    return [row for row in cell.rows if str(row.statistic) == need.statistic][:1]
+
+
+def _asked(run: Run, need: Need, question: str, found: Sequence[Found]) -> Asked:
+    unit, why = of_row(found[0].row.unit) if found else of_row("1"), ""
+    if not found:
+        cells = run.of(need.study)
+        known = {str(row.statistic) for cell in cells for row in cell.rows}
+        near = did_you_mean(need.statistic, known)
+        why = f"no finished cell of {need.study} has {need.statistic}{near}"
+    elif need.bound:
+        factor = need.factor(found[0].row.unit)
+        if factor is None:
+            own = in_ascii(found[0].row.unit)
+            names = series(UNITS.get(own, [own]))
+            why = f"{need.quantity} is in {unit.name}, so its limit is in {names}"
+        else:
+            unit = Unit(need.limit[1].replace("^2", "²"), 1.0 / factor)
+    return Asked(need=need, question=question, unit=unit, found=found, why=why)
+
+
+def _setting(cell: CellResult, key: str) -> str:
+    return one_line(setting_words(cell.study, key, cell.parameters.get(key)))
+
+
+def _place(cell: CellResult, cells: Sequence[CellResult], but: str = "") -> str:
+    """What sets a cell apart from others, in words."""
+    keys = [key for key in varying(cells) if key not in (*EFFORT, but)]
+    words = [_setting(cell, key) for key in keys]
+    seeds = {each.seed for each in cells}
+    return ", ".join([*words, *[f"seed {cell.seed}"] * (len(seeds) > 1)])
+
+
+def replies_to(found: Sequence[Asked]) -> list[Reply]:
+    """An answer to each need."""
+    return [each.reply for each in found if each.need.bound]
+
+
+def tables_of(found: Sequence[Asked]) -> list[Values]:
+    """A table of each quantity that varies."""
+    return [each.values for each in found if len(each.found) > 1]
