@@ -10,10 +10,10 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.imu.audit.ideal import SILENT, Ideal, State, TermRows
-from simval.imu.audit.pieces import Piece, Pieces, Truth
-from simval.imu.audit.regression import TINY, Fit, Regression
-from simval.imu.audit.terms import Term
+from simval.imu.audit.ideal import SILENT, Ideal, IdealState, TermRows
+from simval.imu.audit.pieces import Piece, Pieces, TrueMotion
+from simval.imu.audit.regression import TINY, Regression, TermFit
+from simval.imu.audit.terms import Flaw
 from simval.path import Kinematics, PosePath
 from simval.shapes import Float
 
@@ -42,7 +42,7 @@ class Item(NamedTuple):
 
     Attributes
     ----------
-    term : Term
+    term : Flaw
         What may be wrong.
     value, sd, allowed : Array
         Deviation from what is right, its standard deviation, and how far it may be off:
@@ -53,7 +53,7 @@ class Item(NamedTuple):
         Of each number, whether the motion tells it.
     """
 
-    term: Term
+    term: Flaw
     value: Float[Array, " m"]
     sd: Float[Array, " m"]
     allowed: Float[Array, " m"]
@@ -177,7 +177,7 @@ def judged(
 
 
 def _items(
-    ideal: Ideal, regression: Regression, fit: Fit, rate: float
+    ideal: Ideal, regression: Regression, fit: TermFit, rate: float
 ) -> dict[str, Item]:
     wrong = [each for each in ideal.terms if each.wrong]
     z = float(scipy.special.ndtri(1.0 - rate / 2.0 / len(wrong)))
@@ -223,7 +223,7 @@ def _size(rows: Array) -> float:
 
 def look(
     ideal: Ideal, pieces: Sequence[Piece], guess: Array | None
-) -> tuple[State, str]:
+) -> tuple[IdealState, str]:
     """Look at which axes and delay readings have, before anything is made linear."""
     thin = [
         each.rows(slice(None, None, max(1, len(each.time) * len(pieces) // THIN)))
@@ -231,7 +231,7 @@ def look(
     ]
     given = np.concatenate([each.readings[ideal.name] for each in thin])
 
-    def along(paths: Sequence[PosePath]) -> Truth:
+    def along(paths: Sequence[PosePath]) -> TrueMotion:
         def at(late: float) -> Kinematics:
             each = [p.at(x.time - late) for p, x in zip(paths, thin, strict=True)]
             return Kinematics(*map(np.concatenate, zip(*each, strict=True)))
@@ -285,7 +285,7 @@ def look(
     own = [left(columns, (y @ mount).reshape(-1, 1)) for _, mount in candidates]
     least = int(np.argmin(own))
     frame, mount = candidates[least if own[least] < HALF * own[0] else 0]
-    return State(late * first, mount, world), frame
+    return IdealState(late * first, mount, world), frame
 
 
 def _nearest(y: Array, right: Array, guess: Array | None, sign: float) -> Array:

@@ -25,8 +25,8 @@ BESIDE: Final = 10  # rows beside a place where the truth is not smooth
 ROUGH: Final = 20.0  # times the usual change by the degree of the spline
 ROUGH_SHARE: Final = 0.01  # of the specific force
 COARSE: Final = 5
-Flags = Bool[np.ndarray, " n"]
-Truth = Callable[[float], Kinematics]
+RowFlags = Bool[np.ndarray, " n"]
+TrueMotion = Callable[[float], Kinematics]
 _EIGHTH: Final = np.sqrt(12870.0)  # of white noise in its eighth difference
 
 
@@ -40,12 +40,12 @@ class Piece(NamedTuple):
     coarse: PosePath
     rounded: PosePath
 
-    def rows(self, some: slice | Flags) -> "Piece":
+    def rows(self, some: slice | RowFlags) -> "Piece":
         """Some of its rows."""
         kept = {name: value[some] for name, value in self.readings.items()}
         return self._replace(time=self.time[some], readings=kept)
 
-    def truth(self, path: PosePath) -> Truth:
+    def truth(self, path: PosePath) -> TrueMotion:
         """The truth of its rows, so many seconds before."""
         return cache(lambda late: path.at(self.time - late))
 
@@ -129,7 +129,7 @@ def _rounded(time: Float[Array, " n"], poses: Float[Array, "n 7"]) -> PosePath:
     return PosePath(time, again[:, :3], normalize(again[:, 3:]))
 
 
-def _rough(piece: Piece) -> Flags:
+def _rough(piece: Piece) -> RowFlags:
     zero, g = np.zeros(3), np.array([0.0, 0.0, -9.8])
     fine, coarse = (
         each.at(piece.time).specific_force(zero, g)

@@ -30,7 +30,7 @@ import scipy
 
 from simval.arrays import Array
 from simval.imu.audit.ideal import TermRows
-from simval.imu.audit.terms import Term
+from simval.imu.audit.terms import Flaw
 from simval.shapes import Bool, Float
 
 FIRST: Final = 16  # bins of the lowest band: it has noise of its own to be measured by
@@ -82,10 +82,10 @@ def bands_of(pieces: Sequence[TermRows]) -> tuple[Array, Array]:
     return products, bins
 
 
-class Fit(NamedTuple):
+class TermFit(NamedTuple):
     """Parameters of some terms; those of all others are right."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[Flaw, ...]
     instant: float  # steps that a right row is late by
     value: Float[Array, " p"]
     root: Float[Array, "p r"]  # of their covariance
@@ -123,7 +123,7 @@ class Regression:
 
     Attributes
     ----------
-    whole : Fit
+    whole : TermFit
         Of all terms.
     error : float
         Bound of the error of a root of squares, in standard deviations.
@@ -131,7 +131,7 @@ class Regression:
         Degrees of freedom of the noise's density where the columns are.
     """
 
-    def __init__(self, pieces: Sequence[TermRows], terms: tuple[Term, ...]) -> None:
+    def __init__(self, pieces: Sequence[TermRows], terms: tuple[Flaw, ...]) -> None:
         self.terms, self.place = terms, pieces[0].place
         every, self._bins = bands_of(pieces)
         p = pieces[0].columns.shape[2]
@@ -176,17 +176,17 @@ class Regression:
         """Values of all parameters by their terms."""
         return {name: values[at] for name, at in self.place.items()}
 
-    def _shares(self, fit: Fit) -> Float[Array, "b r r"]:
+    def _shares(self, fit: TermFit) -> Float[Array, "b r r"]:
         # of each band in the directions of a fit
         p = len(self._prior)
         return np.asarray(fit.root.T @ self._products[:, :p, :p] @ fit.root)
 
-    def bound(self, fit: Fit) -> Float[Array, " p"]:
+    def bound(self, fit: TermFit) -> Float[Array, " p"]:
         """Error of each parameter by that of the ideal, (W4)."""
         squares = np.vecdot(fit.root @ self._shares(fit), fit.root)
         return np.asarray(self._errors @ np.sqrt(np.maximum(squares, 0.0)))
 
-    def fit(self, terms: tuple[Term, ...], instant: float) -> Fit:
+    def fit(self, terms: tuple[Flaw, ...], instant: float) -> TermFit:
         """Fit some terms to rows that are rightly so many steps late."""
         p = len(self._prior)
         free = np.concatenate([np.arange(p)[self.place[each.name]] for each in terms])
@@ -206,9 +206,9 @@ class Regression:
         value[free] = (root @ (root.T @ (self._sum @ z)[:p]))[free]
         z[:p] = -value
         squares = float(z @ self._sum @ z + value @ (self._prior * value))
-        return Fit(terms, instant, value, root, told, max(squares, 0.0), scale)
+        return TermFit(terms, instant, value, root, told, max(squares, 0.0), scale)
 
-    def explains(self, fit: Fit, rate: float) -> bool:
+    def explains(self, fit: TermFit, rate: float) -> bool:
         """Whether all other terms, or one, take no more off than is allowed."""
         others = [each for each in self.terms if each not in fit.terms]
         return self._by_chance(fit, self.whole, rate / 2.0) and all(
@@ -218,7 +218,7 @@ class Regression:
             for each in others
         )
 
-    def _by_chance(self, fit: Fit, more: Fit, rate: float) -> bool:
+    def _by_chance(self, fit: TermFit, more: TermFit, rate: float) -> bool:
         rank = more.rank - fit.rank
         if rank <= 0:
             return True
@@ -226,7 +226,7 @@ class Regression:
         allowed = np.sqrt(rank * chance) + self.error
         return fit.squares - more.squares <= allowed**2 + 1e-12 * fit.scale
 
-    def fewest(self, rate: float) -> tuple[Explained, Fit]:
+    def fewest(self, rate: float) -> tuple[Explained, TermFit]:
         """Return the fewest wrong things that explain, and with which rows of right.
 
         Of as many, those of the least squares. Where no few explain all, the fewest
@@ -235,7 +235,7 @@ class Regression:
         fitted = tuple(each for each in self.terms if not each.wrong)
         wrong = [each for each in self.terms if each.wrong]
         penalty = np.log(max(self._bins.sum(), 2.0))
-        tried: list[Fit] = []
+        tried: list[TermFit] = []
         for size in range(MOST + 1):
             fits = [
                 self.fit((*fitted, *some), instant)
