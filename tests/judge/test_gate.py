@@ -486,6 +486,8 @@ def test_the_page_of_two_runs_is_the_same_each_time_and_escapes(tiny_run):
     (both,) = re.findall(r"<figure.*?</figure>", page, flags=re.DOTALL)
     figure, apart = re.findall(r"<svg xmlns.*?</svg>", both, flags=re.DOTALL)
     assert "bias[y]" in figure
+    (legend,) = re.findall(r'<ul class="legend">.*?</ul>', both)
+    assert re.sub(r"<[^>]*>", "", legend).count(tiny_run.name) == 2
     assert "B minus A</text>" in apart
     assert "1 of" in re.sub(r"<[^>]*>", "", page)
     ids = re.findall(r'\bid="([^"]*)"', page)

@@ -7,15 +7,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from simval.arrays import Array, Mask
-from simval.imu.audit.ideal import SILENT, Expansion, Ideal, TermRows
-from simval.imu.audit.pieces import Piece, Pieces, TruthAt
+from simval.arrays import Array
+from simval.imu.audit.ideal import SILENT, Ideal, IdealState, TermRows
+from simval.imu.audit.pieces import Piece, Pieces, TrueMotion
 from simval.imu.audit.regression import TINY, Regression, TermFit
-from simval.imu.audit.terms import AuditTerm
+from simval.imu.audit.terms import Flaw
 from simval.path import Kinematics, PosePath
 from simval.shapes import Float
 
+Flags = NDArray[np.bool_]
 ROUNDS: Final = 6
 FARTHEST: Final = 64  # steps of delay that are looked at
 NEAR: Final = 2.0  # steps within which a delay needs no look around
@@ -40,7 +42,7 @@ class Item(NamedTuple):
 
     Attributes
     ----------
-    term : AuditTerm
+    term : Flaw
         What may be wrong.
     value, sd, allowed : Array
         Deviation from what is right, its standard deviation, and how far it may be off:
@@ -51,12 +53,12 @@ class Item(NamedTuple):
         Of each number, whether the motion tells it.
     """
 
-    term: AuditTerm
+    term: Flaw
     value: Float[Array, " m"]
     sd: Float[Array, " m"]
     allowed: Float[Array, " m"]
     wrong: bool
-    judged: Mask
+    judged: Flags
 
     @property
     def name(self) -> str:
@@ -205,7 +207,7 @@ def _items(
     return items
 
 
-def _far(rows: TermRows, left: Float[Array, "n 3"]) -> Mask:
+def _far(rows: TermRows, left: Float[Array, "n 3"]) -> Flags:
     # readings far off
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
     size = np.hypot(_size(rows.ideal), _size(rows.reading))
@@ -221,7 +223,7 @@ def _size(rows: Array) -> float:
 
 def look(
     ideal: Ideal, pieces: Sequence[Piece], guess: Array | None
-) -> tuple[Expansion, str]:
+) -> tuple[IdealState, str]:
     """Look at which axes and delay readings have, before anything is made linear."""
     thin = [
         each.rows(slice(None, None, max(1, len(each.time) * len(pieces) // THIN)))
@@ -229,7 +231,7 @@ def look(
     ]
     given = np.concatenate([each.readings[ideal.name] for each in thin])
 
-    def along(paths: Sequence[PosePath]) -> TruthAt:
+    def along(paths: Sequence[PosePath]) -> TrueMotion:
         def at(late: float) -> Kinematics:
             each = [p.at(x.time - late) for p, x in zip(paths, thin, strict=True)]
             return Kinematics(*map(np.concatenate, zip(*each, strict=True)))
@@ -283,7 +285,7 @@ def look(
     own = [left(columns, (y @ mount).reshape(-1, 1)) for _, mount in candidates]
     least = int(np.argmin(own))
     frame, mount = candidates[least if own[least] < HALF * own[0] else 0]
-    return Expansion(late * first, mount, world), frame
+    return IdealState(late * first, mount, world), frame
 
 
 def _nearest(y: Array, right: Array, guess: Array | None, sign: float) -> Array:

@@ -22,9 +22,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, cross, cross_matrix, from_rotation_vector
-from simval.imu.audit.pieces import Piece, TruthAt
+from simval.imu.audit.pieces import Piece, TrueMotion
 from simval.imu.audit.simulated import Declared
-from simval.imu.audit.terms import TERMS, AuditTerm
+from simval.imu.audit.terms import TERMS, Flaw
 from simval.shapes import Float
 
 SETTLED: Final = 1e-4  # of a step, or a radian
@@ -46,7 +46,7 @@ _MATRICES: Final = np.array(
 """Three turns of a mount, and five that deform it without a change of scale."""
 
 
-class Expansion(NamedTuple):
+class IdealState(NamedTuple):
     """Where (W5) is made linear."""
 
     times: Float[Array, " t"]  # steps, of the terms of time
@@ -54,7 +54,7 @@ class Expansion(NamedTuple):
     world: bool = False  # whether readings are in world axes
     value: Mapping[str, Array] = {}  # of each term
 
-    def near(self, other: "Expansion") -> bool:
+    def near(self, other: "IdealState") -> bool:
         """Whether nothing moved any more."""
         moved = [self.times - other.times, (self.mount - other.mount).ravel()]
         return float(np.abs(np.concatenate(moved)).max()) < SETTLED
@@ -86,16 +86,16 @@ class Ideal:
         prior = {"constant": BIAS[name]}
         prior |= {"lever": FAR} if declared.lever is None else {}
         known = {"g": declared.gravity, "mount": declared.mount}
-        self.terms: tuple[AuditTerm, ...] = tuple(
+        self.terms: tuple[Flaw, ...] = tuple(
             each._replace(sd=prior.get(each.name, each.sd))
             for each in TERMS
             if (each.name in OF_A_RATE or not rate) and known.get(each.name) is None
         )
 
-    def _rate(self, at: TruthAt, late: Array) -> dict[str, Array]:
+    def _rate(self, at: TrueMotion, late: Array) -> dict[str, Array]:
         return {"ideal": at(float(late[0])).rate}
 
-    def _force(self, at: TruthAt, late: Array) -> dict[str, Array]:
+    def _force(self, at: TrueMotion, late: Array) -> dict[str, Array]:
         # columns of motion, with the truth of each its own time
         delay, instants, difference, rate = late.tolist()
         past = delay + difference
@@ -119,14 +119,14 @@ class Ideal:
         made["ideal"] = right if lever is None else right + made["lever"] @ lever
         return made
 
-    def reading(self, at: TruthAt, state: Expansion) -> Float[Array, "n 3"]:
+    def reading(self, at: TrueMotion, state: IdealState) -> Float[Array, "n 3"]:
         """What the model reads, mount and bias apart."""
         made = self.motion(at, state.times * self.step)
         size = 1.0 + float(state.value.get("scale", np.zeros(1))[0])
         parts = [made[k] @ v for k, v in state.value.items() if k in made]
         return (size if abs(size) > SILENT else 1.0) * made["ideal"] + sum(parts)
 
-    def rows(self, piece: Piece, state: Expansion) -> TermRows:
+    def rows(self, piece: Piece, state: IdealState) -> TermRows:
         """Columns of a piece, made linear at a state."""
         at = piece.truth(piece.path)
         now = self.reading(at, state)
@@ -171,7 +171,7 @@ class Ideal:
              for each, end, width in zip(self.terms, ends, widths, strict=True)},
         )  # fmt: skip
 
-    def moved(self, state: Expansion, value: Mapping[str, Array]) -> Expansion:
+    def moved(self, state: IdealState, value: Mapping[str, Array]) -> IdealState:
         """Where the model is made linear next."""
         times = np.array([value[name][0] for name in self.times])
         step = np.clip(times - state.times, -FARTHEST, FARTHEST)
@@ -179,4 +179,4 @@ class Ideal:
         if "mount" in value:
             turn = from_rotation_vector(-value["mount"])
             mount = mount @ attitude_matrix(turn)
-        return Expansion(state.times + step, mount, state.world, value)
+        return IdealState(state.times + step, mount, state.world, value)

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array, Mask
+from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.geometry import normalize
 from simval.imu.audit.simulated import LEAST, SENSORS, SimulatedImu
@@ -25,8 +25,8 @@ BESIDE: Final = 10  # rows beside a place where the truth is not smooth
 ROUGH: Final = 20.0  # times the usual change by the degree of the spline
 ROUGH_SHARE: Final = 0.01  # of the specific force
 COARSE: Final = 5
-
-TruthAt = Callable[[float], Kinematics]
+RowFlags = Bool[np.ndarray, " n"]
+TrueMotion = Callable[[float], Kinematics]
 _EIGHTH: Final = np.sqrt(12870.0)  # of white noise in its eighth difference
 
 
@@ -40,12 +40,12 @@ class Piece(NamedTuple):
     coarse: PosePath
     rounded: PosePath
 
-    def rows(self, some: slice | Bool[Mask, " n"]) -> "Piece":
+    def rows(self, some: slice | RowFlags) -> "Piece":
         """Some of its rows."""
         kept = {name: value[some] for name, value in self.readings.items()}
         return self._replace(time=self.time[some], readings=kept)
 
-    def truth(self, path: PosePath) -> TruthAt:
+    def truth(self, path: PosePath) -> TrueMotion:
         """The truth of its rows, so many seconds before."""
         return cache(lambda late: path.at(self.time - late))
 
@@ -68,7 +68,7 @@ def pieces_of(imu: SimulatedImu) -> Pieces:
     """
     smooth: list[Piece] = []
     starts: list[Piece] = []
-    rough: list[Array] = [np.zeros(0)]
+    rough = [np.zeros(0)]
     for whole in _windows(imu):
         reach = ENDS * whole.path.step
         time, path = whole.time, whole.path
@@ -129,7 +129,7 @@ def _rounded(time: Float[Array, " n"], poses: Float[Array, "n 7"]) -> PosePath:
     return PosePath(time, again[:, :3], normalize(again[:, 3:]))
 
 
-def _rough(piece: Piece) -> Bool[Mask, " n"]:
+def _rough(piece: Piece) -> RowFlags:
     zero, g = np.zeros(3), np.array([0.0, 0.0, -9.8])
     fine, coarse = (
         each.at(piece.time).specific_force(zero, g)

@@ -30,7 +30,7 @@ import scipy
 
 from simval.arrays import Array
 from simval.imu.audit.ideal import TermRows
-from simval.imu.audit.terms import AuditTerm
+from simval.imu.audit.terms import Flaw
 from simval.shapes import Bool, Float
 
 FIRST: Final = 16  # bins of the lowest band: it has noise of its own to be measured by
@@ -85,7 +85,7 @@ def bands_of(pieces: Sequence[TermRows]) -> tuple[Array, Array]:
 class TermFit(NamedTuple):
     """Parameters of some terms; those of all others are right."""
 
-    terms: tuple[AuditTerm, ...]
+    terms: tuple[Flaw, ...]
     instant: float  # steps that a right row is late by
     value: Float[Array, " p"]
     root: Float[Array, "p r"]  # of their covariance
@@ -131,9 +131,7 @@ class Regression:
         Degrees of freedom of the noise's density where the columns are.
     """
 
-    def __init__(
-        self, pieces: Sequence[TermRows], terms: tuple[AuditTerm, ...]
-    ) -> None:
+    def __init__(self, pieces: Sequence[TermRows], terms: tuple[Flaw, ...]) -> None:
         self.terms, self.place = terms, pieces[0].place
         every, self._bins = bands_of(pieces)
         p = pieces[0].columns.shape[2]
@@ -188,8 +186,8 @@ class Regression:
         squares = np.vecdot(fit.root @ self._shares(fit), fit.root)
         return np.asarray(self._errors @ np.sqrt(np.maximum(squares, 0.0)))
 
-    def fit(self, terms: tuple[AuditTerm, ...], instant: float) -> TermFit:
-        """TermFit some terms to rows that are rightly so many steps late."""
+    def fit(self, terms: tuple[Flaw, ...], instant: float) -> TermFit:
+        """Fit some terms to rows that are rightly so many steps late."""
         p = len(self._prior)
         free = np.concatenate([np.arange(p)[self.place[each.name]] for each in terms])
         value, told = np.zeros(p), np.zeros(p, bool)

@@ -24,7 +24,7 @@ _UNITS: Final = {
 }  # fmt: skip
 
 
-class AuditTerm(NamedTuple):
+class Flaw(NamedTuple):
     """What may be wrong, or is not declared and fitted.
 
     Attributes
@@ -69,8 +69,8 @@ class AuditTerm(NamedTuple):
         return self.sd == INF
 
 
-def _arm(name: str, title: str, of: str, missing: str) -> AuditTerm:
-    return AuditTerm(
+def _arm(name: str, title: str, of: str, missing: str) -> Flaw:
+    return Flaw(
         name, title, "m", "lever", _TURN, whole=0.0, vector=True, says=(
             (-NEAR, NEAR, f"lacks the {of}lever arm {{right}} m", missing),
             (-INF, INF, f"has the {of}lever arm {{place}} m, and {{right}} is {{by}}",
@@ -81,21 +81,20 @@ def _arm(name: str, title: str, of: str, missing: str) -> AuditTerm:
 
 TERMS: Final = (
     _arm("lever", "lever arm", "", "it is of the body's origin"),
-    AuditTerm("g", sd=2.2e-3),  # over the Earth
-    AuditTerm("scale", "scale", "", "scale", "turn and accelerate", right=1.0, says=(
+    Flaw("g", sd=2.2e-3),  # over the Earth
+    Flaw("scale", "scale", "", "scale", "turn and accelerate", right=1.0, says=(
         (-1e-6, 1e-6, "reads zero", "the sensor is not computed"),
         *((x - NEAR * x, x + NEAR * x, f"is {unit} (factor {{x:.4g}})", "the unit")
           for x, unit in _UNITS.items()),
         (-INF, 0.0, "has the opposite sign (scale {x:.4g})", _MEANS),
         (0.0, INF, "has the scale {one}", "a unit, or a gain"),
     )),
-    AuditTerm("mount", sd=1.0),
-    AuditTerm("axes", "axes", "rad", "axes", "turn about all three axes", whole=0.5,
-         says=(
+    Flaw("mount", sd=1.0),
+    Flaw("axes", "axes", "rad", "axes", "turn about all three axes", whole=0.5, says=(
         (-INF, INF, "has axes that are off by up to {angle:.3g} deg",
          "a mount, or shear"),
     )),
-    AuditTerm("linear", "linear term", "", "linear", _MOVE, right=1.0, says=(
+    Flaw("linear", "linear term", "", "linear", _MOVE, right=1.0, says=(
         (-NEAR, NEAR, "lacks the linear acceleration", "gravity alone is turned"),
         *((k - NEAR, k + NEAR, "has {x:.4g} times the linear acceleration",
            "a difference over several steps divided by the time of one")
@@ -103,8 +102,8 @@ TERMS: Final = (
         (-INF, INF, "has {x:.4g} times the linear acceleration",
          "a difference divided by another time"),
     )),
-    AuditTerm("gravity", "gravity", "", "gravity",
-         "turn to attitudes far from each other", vector=True, says=(
+    Flaw("gravity", "gravity", "", "gravity", "turn to attitudes far from each other",
+         vector=True, says=(
         (-NEAR, NEAR, "lacks gravity", "it is an acceleration, no specific force"),
         (-INF, 0.0, "has gravity of the wrong sign (factor {x:.4g})", _MEANS),
         (0.0, INF, "has {x:.4g} times gravity", "another g, or a unit"),
@@ -112,30 +111,30 @@ TERMS: Final = (
     )),
     _arm("Euler", "Euler term", "Euler term of the ", "left out"),
     _arm("centripetal", "centripetal term", "centripetal term of the ", "left out"),
-    AuditTerm("transport", "transport term", "", "lever", _MOVE, says=(
+    Flaw("transport", "transport term", "", "lever", _MOVE, says=(
         (-INF, 0.0, "has {x:+.3g} times the term w x v",
          "the velocity in body axes was differentiated"),
         (0.0, INF, "has {x:+.3g} times the term w x v", _ADDED),
     )),
-    AuditTerm("delay", "delay", "steps", "delay", "turn and accelerate unevenly",
-         held=0.1, says=(
+    Flaw("delay", "delay", "steps", "delay", "turn and accelerate unevenly", held=0.1,
+         says=(
         (0.9, 1.1, "is {one} steps late",
          "the reading is of before a step, the pose of after it"),
         (0.0, INF, "is {one} steps late", "a buffer, or stamps of another clock"),
         (-INF, 0.0, "is {size} steps early", "a buffer, or stamps of another clock"),
     )),
-    AuditTerm("instants", "one instant", "steps", "instants", _MOVE, held=0.1, says=(
+    Flaw("instants", "one instant", "steps", "instants", _MOVE, held=0.1, says=(
         (0.8, 1.2, _MIXES, "acceleration is of the step before, attitude of this one"),
         (-INF, INF, _MIXES, _STAGES),
     )),
-    AuditTerm("difference", "no difference", "steps", "instants", held=0.1, says=(
+    Flaw("difference", "no difference", "steps", "instants", held=0.1, says=(
         (-INF, INF, "has acceleration {one} steps late against the attitude, as a "
          "backward difference of velocity over {steps:.2g} steps",
          "a difference of the past beside the attitude of now"),
     )),
-    AuditTerm("rate", "rate of that instant", "steps", "instants", whole=2.0, held=0.6,
+    Flaw("rate", "rate of that instant", "steps", "instants", whole=2.0, held=0.6,
          says=((-INF, INF, "has a centripetal term {one} steps late", _STAGES),)),
-    AuditTerm("constant", "no constant", "", "constant", says=(
+    Flaw("constant", "no constant", "", "constant", says=(
         (-INF, INF, "has a constant of {place}", "it is added in sensor axes"),
     )),
 )  # fmt: skip
