@@ -295,4 +295,5 @@ def names(found: Audit) -> set[str]:
     wrong = {f"{x.name[0]}.{name}" for x in found.sensors for name in x.wrong}
     wrong |= {f"{x.name[0]}.frame" for x in found.sensors if x.frame}
     wrong |= {"seed"} if found.shared else set()
+    wrong |= {"spikes"} if len(found.spikes) else set()
     return wrong or ({"noise"} if found.exit_code == 1 else set())
