@@ -63,6 +63,7 @@ STUDIES: Final = (
     "end_to_end",
     "whole_log",
     "diagnosis",
+    "audit",
     "estimator",
     "calibrator",
     "filter",

@@ -77,6 +77,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
         "scene": Entry("Scenes", pictures.scene_section),
         "statics": Entry("Static intervals"),
         "diagnosis": Entry("What is wrong with a log"),
+        "audit": Entry("What is wrong with a simulator"),
         "convergence": Entry("Convergence of the solvers"),
         "other": Entry("Further studies", study_sections.other_section),
     },

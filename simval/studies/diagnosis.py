@@ -196,15 +196,17 @@ def as_counted(k: int, of: int, n: int) -> int:
     return int(np.sum(beyond > SELDOM))
 
 
-def _held(what: Statistic, hits: Sequence[bool], most: Most, predictor: str) -> Rows:
+def held(what: Statistic, hits: Sequence[bool], most: Most, predictor: str) -> Rows:
+    """Share of some trials, held to the most that may be so; reported if all may."""
     n, share = len(hits), np.mean(hits)
     if most(n) < n:
         return limit(what, share, most(n) / n, predictor, n)
     return unjudged(what, share, share_error(share, n), n)
 
 
-def _again(what: Statistic, hits: Sequence[bool], k: int, of: int) -> Rows:
-    return _held(what, hits, partial(as_counted, k, of), stat.COUNTED)
+def again(what: Statistic, hits: Sequence[bool], k: int, of: int) -> Rows:
+    """Share of some trials, held to the k of so many that were counted once."""
+    return held(what, hits, partial(as_counted, k, of), stat.COUNTED)
 
 
 # sound logs
@@ -220,13 +222,13 @@ def _sound_rows(trials: int, streams: Streams) -> Iterator[Row]:
     bound = partial(by_markov, 1.0 / REFUSED)
     for name, each in {"all": every, **found}.items():
         accused = [j.accuses for j in each]
-        yield from _held(stat.ACCUSED(name), accused, bound, stat.MARKOV)
+        yield from held(stat.ACCUSED(name), accused, bound, stat.MARKOV)
     for name in SOUND:
         asked = [j.answer != "sound" for j in found[name]]
-        yield from _again(stat.ASKED(name), asked, *ASKED)
+        yield from again(stat.ASKED(name), asked, *ASKED)
     odds = [j.odds > np.log(ODDS) for name in SCATTERED for j in found[name]]
     bound = partial(by_markov, 1.0 / ODDS)
-    yield from _held(stat.ODDS_ABOVE(f"{ODDS:g}"), odds, bound, stat.MARKOV)
+    yield from held(stat.ODDS_ABOVE(f"{ODDS:g}"), odds, bound, stat.MARKOV)
 
 
 def _known_rows(n: int, rng: Random) -> Rows:
@@ -295,14 +297,14 @@ def _fault_rows(parameters: Parameters, streams: Streams) -> Iterator[Row]:
                 share = stood[what] / n
                 yield from unjudged(family(name, at), share, share_error(share, n), n)
             here = [_missed(j, kinds) for j in found]
-            yield from _again(stat.MISSED_AT(name, at), here, counts[place], COUNTED)
+            yield from again(stat.MISSED_AT(name, at), here, counts[place], COUNTED)
             at_size[place] += here
             missed += here
             every += found
-        yield from _again(stat.MISSED(name), missed, sum(counts[:-1]), whole)
+        yield from again(stat.MISSED(name), missed, sum(counts[:-1]), whole)
         if kinds:
             wrong = [standing(j, kinds) == "misnamed" for j in every]
-            yield from _again(stat.MISNAMED(name), wrong, counts[-1], whole)
+            yield from again(stat.MISNAMED(name), wrong, counts[-1], whole)
         said = Counter(map(_said, every))
         shares = np.array([said[what] for what in SAID]) / len(every)
         each = [stat.SAID(name, what) for what in SAID]
@@ -310,7 +312,7 @@ def _fault_rows(parameters: Parameters, streams: Streams) -> Iterator[Row]:
     for place, times in enumerate(SIZES):
         k = sum(MISSED[name][place] for name in faults)
         what_missed = stat.MISSED_AT("all", f"{times:g}")
-        yield from _again(what_missed, at_size[place], k, COUNTED * len(faults))
+        yield from again(what_missed, at_size[place], k, COUNTED * len(faults))
 
 
 SIZED: Final = (*GROUPS,)[:-1]  # the others have no name

@@ -44,6 +44,7 @@ TAIL_RUNS = {
     "scene": 10,
     "whole_log": 10,
     "diagnosis": 30,
+    "audit": 30,
 }
 """Runs of each study on random settings. Chosen: some minutes each."""
 TAIL_SEED = 11_000_000

@@ -1,10 +1,11 @@
-"""Faults of what judges a log: its priors, its noise, and what it tries."""
+"""Faults of what judges a log, or a simulator: its priors, noise, and what it tries."""
 
 from functools import partial
 
 import numpy as np
 
 from power.fault import Fault, replaced, then
+from simval.imu.audit import fewest, terms
 from simval.imu.explain import catalogue, judgement, likelihood
 
 
@@ -20,6 +21,7 @@ def heavier(entries):
 
 sound = partial(Fault, "sound logs", "estimator")
 faulty = partial(Fault, "faults", "estimator")
+simulators = partial(Fault, "simulators", "estimator")
 FAULTS = (
     sound(judgement, "along", "noise across gravity, not along it", across),
     sound(judgement, "_entries", "priors that add up to a thousand", then(heavier)),
@@ -34,5 +36,13 @@ FAULTS = (
     faulty(
         likelihood, "DECADES", "effects expected a thousand times smaller",
         context=lambda: replaced(likelihood, "DECADES", (1e-3,)),
+    ),
+    simulators(
+        terms.AccelerometerTerms, "rounding", "poses are taken for exact",
+        then(lambda draws: [0.0 * each for each in draws]),
+    ),
+    simulators(
+        fewest, "HELD", "a step late is nobody's fault",
+        context=lambda: replaced(fewest, "HELD", dict.fromkeys(fewest.HELD, 1.0)),
     ),
 )  # fmt: skip

@@ -81,6 +81,7 @@ SUITES: dict[str, dict[str, Any]] = {
     "vectors": {"attitude_vectors": {"noise_std": 0.01}},
     "sound logs": {"diagnosis": {"logs": ["sound", "of known noise"], "trials": 6}},
     "faults": {"diagnosis": {"logs": ["changed readings", "biases"], "trials": 2}},
+    "simulators": {"audit": {"simulators": ["right", "times"]}},
     **smoke_parts(),
 }
 

@@ -47,7 +47,7 @@ FEW: Final = MappingProxyType(
 )
 """Effort of a cell, or the least that is legal: as few as the gate judges."""
 
-LIMITED: Final = MappingProxyType({"whole_log": 6, "diagnosis": 1})
+LIMITED: Final = MappingProxyType({"whole_log": 6, "diagnosis": 1, "audit": 2})
 """Studies that hold fewer trials to limits, and how many."""
 
 SECONDS: Final = 3.0

@@ -74,6 +74,8 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "intervals": ("noise_model", NOISE | {"estimate": "intervals"}, 30, SLOW),
     "detector": ("detector", {"trials": 60}, 5, CI),
     "faults": ("diagnosis", {"logs": "changed readings"}, 6, CI),
+    "right simulators": ("audit", {"trials": 2}, 11, CI),
+    "wrong simulators": ("audit", {"simulators": "arms", "trials": 4}, 4, CI),
     **{
         wrong: ("filter", FILTER | {"scenario": f"gimbal slow, {wrong}"}, rows, mark)
         for wrong, rows, mark in (

@@ -5,10 +5,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from imu.audit.zoo import MOUNT, simulated
 from places import ROOT
 
 from simval.cli.audit import _text
+from simval.studies.simulated_imus import MOUNT, simulated
 
 SAID = ("--lever", "0.1,-0.05,0.2", "--gravity", "0,0,-9.81")
 
