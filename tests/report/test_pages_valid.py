@@ -16,6 +16,7 @@ from read_back import not_numbers, off_datum
 
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
+from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise import log_noise
 from simval.judge import compare_runs
 from simval.report import drawings
@@ -129,9 +130,8 @@ def every_drawing(folder):
         compared += calibration_page(log, whole).sections
     yield from (drawing for section in compared for drawing in section.drawings)
     noise = log_noise(read_log(folder / "still.csv"))
-    yield allan_drawing(
-        "a", [SensorNoise(name="gyro", axes=noise.gyro, si_per_raw=1.0)]
-    )
+    unit = Scale(1.0, "")
+    yield allan_drawing("a", [SensorNoise(name="gyro", axes=noise.gyro, scale=unit)])
 
 
 def test_every_marker_stands_at_its_datum(pages):

@@ -41,7 +41,6 @@ function svgOf(figure) { // pictures and words at their places on the page, in l
     const copy = svg.cloneNode(true);
     for (const part of copy.querySelectorAll(".away, .points, metadata")) part.remove();
     for (const name of ["class", "tabindex", "role", "aria-label", "aria-hidden"]) copy.removeAttribute(name);
-    for (const path of copy.querySelectorAll("path:not([stroke-linecap])")) set(path, { "vector-effect": "non-scaling-stroke" });
     set(copy, { ...at(svg.getBoundingClientRect()), "font-size": getComputedStyle(svg).fontSize });
     whole.append(copy);
   }
@@ -53,6 +52,9 @@ function svgOf(figure) { // pictures and words at their places on the page, in l
     whole.append(words);
   }
   return new XMLSerializer().serializeToString(whole).replace(/var\([^,]*,\s*(#\w+)\)/g, "$1");
+}
+for (const line of document.querySelectorAll(".panels path:not([stroke-linecap])")) {
+  line.setAttribute("vector-effect", "non-scaling-stroke"); // as wide in a large figure
 }
 for (const figure of document.querySelectorAll("figure[id]")) {
   const tools = document.createElement("p");

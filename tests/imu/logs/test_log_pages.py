@@ -110,7 +110,7 @@ def test_white_noise_is_read_at_a_second_and_has_its_slope():
     rows = 0.5 * np.random.default_rng(3).standard_normal((4000, 1, 3))
     noise = SensorNoise(name="gyro", axes=noise_of(rows, 25.0), scale=Scale(None, ""))
     (panel,) = allan_drawing("log", [noise]).panels
-    (line,) = (x for x in panel.series if x.label == "slope -1/2, N at 1 s")
+    (line,) = (x for x in panel.series if x.label == "N alone, slope -1/2")
     slopes = np.diff(np.log(line.y)) / np.diff(np.log(line.x))
     np.testing.assert_allclose(slopes, -0.5, rtol=1e-9)
     assert line.x[1] == 1.0
