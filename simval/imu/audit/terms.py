@@ -80,6 +80,7 @@ def _arm(name: str, title: str, of: str, missing: str) -> Term:
 
 
 TERMS: Final = (
+    Term("bias"),
     _arm("lever", "lever arm", "", "it is of the body's origin"),
     Term("g", sd=2.2e-3),  # over the Earth
     Term("scale", "scale", "", "scale", "turn and accelerate", right=1.0, says=(
