@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.imu.audit.ideal import SILENT, Ideal, IdealState, TermRows
+from simval.imu.audit.ideal import BIAS, SILENT, Ideal, IdealState, TermRows
 from simval.imu.audit.pieces import Piece, Pieces, TrueMotion
 from simval.imu.audit.regression import TINY, Regression, TermFit
 from simval.imu.audit.terms import Flaw
@@ -162,15 +162,14 @@ def judged(
     rest = _size(every) / max(size, TINY)
     delay = items["delay"]
     names = [each.name for each in ideal.terms if not each.wrong]
-    fitted = {"bias" if name == "constant" else name: name for name in names}
     return SensorAudit(
         name=ideal.name, items=items,
-        fitted={name: (own[key], sd[key]) for name, key in fitted.items()},
+        fitted={name: (own[name], sd[name]) for name in names},
         instant=fit.instant, delay=fit.instant + delay.wrong * float(delay.value[0]),
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
         deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=np.concatenate(spikes),
         left=left,
-        constant=own["constant"],
+        constant=own["bias"] + own["constant"],
         bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
         size=size, unexplained=0.0 if explained == "all" else rest,
     )  # fmt: skip
@@ -198,12 +197,12 @@ def _items(
             term, value, sd, allowed, chosen and bool(abs(value[0]) >= term.held),
             allowed < PRESENT * least,
         )  # fmt: skip
-    constant = next(each for each in ideal.terms if each.name == "constant")
-    value, sd = own["constant"], regression.split(fit.sd)["constant"]
-    allowed = np.full(3, LARGE * constant.sd)
-    far = bool(np.linalg.norm(value) > LARGE * constant.sd)
+    bias, sd = own["bias"], regression.split(fit.sd)["bias"]
+    constant = items["constant"]
+    if not constant.wrong and np.linalg.norm(bias) > LARGE * BIAS[ideal.name]:
+        constant = Item(constant.term, bias, sd, z * sd, True, constant.judged)
     # what is not seen of it is none
-    items["constant"] = Item(constant, value, sd, allowed, far, np.ones(3, bool))
+    items["constant"] = constant._replace(judged=np.ones(3, bool))
     return items
 
 

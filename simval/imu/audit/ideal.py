@@ -35,7 +35,7 @@ BIAS: Final = {"gyroscope": 0.1, "accelerometer": 0.5}
 FAR: Final = 10.0  # of a lever arm, m
 TIMES: Final = {"delay": 2, "instants": 2, "difference": 2, "rate": 1}
 """Columns of the terms of time, in the order of a state's times."""
-OF_A_RATE: Final = ("scale", "mount", "axes", "delay", "constant")
+OF_A_RATE: Final = ("bias", "scale", "mount", "axes", "delay", "constant")
 _UNIT: Final = np.eye(3)
 _PAIRS: Final = [(1, 2), (2, 0), (0, 1)]
 _MATRICES: Final = np.array(
@@ -83,7 +83,7 @@ class Ideal:
         rate = name == "gyroscope"
         self.times = [*TIMES][: 1 if rate else None]
         self.motion = self._rate if rate else self._force
-        prior = {"constant": BIAS[name]}
+        prior = {"bias": BIAS[name]}
         prior |= {"lever": FAR} if declared.lever is None else {}
         known = {"g": declared.gravity, "mount": declared.mount}
         self.terms: tuple[Flaw, ...] = tuple(
@@ -151,7 +151,7 @@ class Ideal:
         first = 3 * (self.declared.mount is None)
         columns |= {"scale": ideal[..., None], "mount": square[..., :3]}
         columns["axes"] = square[..., first:]
-        columns["constant"] = np.broadcast_to(_UNIT, (len(now), 3, 3))
+        columns["bias"] = columns["constant"] = np.broadcast_to(_UNIT, (len(now), 3, 3))
         widths = [columns[each.name].shape[2] for each in self.terms]
         ends = np.cumsum(widths).tolist()
         errors = [

@@ -80,6 +80,7 @@ def _arm(name: str, title: str, of: str, missing: str) -> Flaw:
 
 
 TERMS: Final = (
+    Flaw("bias"),
     _arm("lever", "lever arm", "", "it is of the body's origin"),
     Flaw("g", sd=2.2e-3),  # over the Earth
     Flaw("scale", "scale", "", "scale", "turn and accelerate", right=1.0, says=(
