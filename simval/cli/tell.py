@@ -13,9 +13,11 @@ import click
 
 from simval.cli.options import (
     PROJECT_FILES,
+    AccelerometerUnit,
     AsJson,
     Columns,
     From,
+    GyroUnit,
     Instance,
     Number,
     Positive,
@@ -24,7 +26,6 @@ from simval.cli.options import (
     declared,
     refuse_if,
     refusing,
-    unit_words,
     write,
 )
 from simval.cli.terminal import say, show
@@ -133,10 +134,8 @@ def command(
     ] = None,
     columns: Columns = None,
     instance: Instance = None,
-    accelerometer_unit: Annotated[
-        str | None, unit_words("accelerometer"), dict(metavar="UNIT")
-    ] = None,
-    gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
+    accelerometer_unit: AccelerometerUnit = None,
+    gyro_unit: GyroUnit = None,
     start: From = None,
     stop: Until = None,
     to: Annotated[
