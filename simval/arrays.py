@@ -20,6 +20,8 @@ from simval.shapes import Float
 from simval.text import shown
 
 Array = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]  # of entries in an array
 # what is given: lists mixed of whole numbers and others have these types, and no
 # `ArrayLike`
 Vector = NDArray[Any] | Sequence[float]
@@ -48,9 +50,9 @@ def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
     if not np.isfinite(array).all():
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         msg = (
-            f"`{name}` has {np.count_nonzero(~np.isfinite(array))} non-finite "
-            f"value(s), the first ({array[first]}) at index {first}; every value "
-            "must be finite, so remove or repair those rows"
+            f"`{name}` has values that are not finite: "
+            f"{np.count_nonzero(~np.isfinite(array))} in all, the first "
+            f"({array[first]}) at index {first}; remove or repair those rows"
         )
         raise InputError(msg)
     return array

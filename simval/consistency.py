@@ -67,8 +67,9 @@ def normalised_squares(
         solved = np.linalg.solve(covariance, error[..., None])[..., 0]
     except np.linalg.LinAlgError:
         msg = (
-            "a covariance has no inverse, for its standard deviations differ by more "
-            "than a number has digits: give noises that are nearer to each other"
+            "a covariance cannot be inverted: its standard deviations differ "
+            "by more than the digits of a number; give noises that are closer "
+            "to each other"
         )
         raise RefusedError(msg) from None
     return np.vecdot(error, solved)

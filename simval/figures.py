@@ -41,6 +41,11 @@ def predictor(row: Row) -> str:
     return row.predictor
 
 
+def family_words(row: Row) -> str:
+    """Family of a row."""
+    return row.statistic.family.words
+
+
 def words(row: Row) -> str:
     """Family of a row, and its entries."""
     return ": ".join((row.statistic.family.words, *row.statistic.entries))

@@ -54,7 +54,7 @@ def read_bytes(path: str | PathLike[str], most: int, first: int | None = None) -
     # of a folder `open` says what it is
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
         kind = "a pipe" if stat.S_ISFIFO(status.st_mode) else "a device or a socket"
-        msg = f"it is {kind}, which may never end; give a file"
+        msg = f"it is {kind}, which may never end; give the path of a regular file"
         raise UnreadableError(0, msg, os.fspath(path))
     if status.st_size > most:
         size, limit = (f"{count / MEBIBYTE:,.0f}" for count in (status.st_size, most))
@@ -89,7 +89,7 @@ def parsed(read: Callable[..., Any], text: str, **settings: Any) -> Any:
     try:
         return read(text, **settings)
     except RecursionError:
-        msg = "it is nested too deeply; none of ours has more than a few levels"
+        msg = "it is nested too deeply; a file that simval wrote has only a few levels"
         raise ValueError(msg) from None
 
 

@@ -53,12 +53,15 @@ def normalize(v: Float[Array, "... n"]) -> Float[Array, "... n"]:
     """Vectors scaled to unit length; a zero one is refused."""
     v = finite_array("v", v, (None,))
     if v.shape[-1] == 0:
-        msg = f"`v` has shape {v.shape}: its vectors have no component"
+        msg = (
+            f"`v` has shape {v.shape}, so its vectors have no components; give "
+            "vectors of one component or more"
+        )
         raise InputError(msg)
     largest = np.max(np.abs(v), axis=-1, keepdims=True)  # no overflow, no underflow
     if not np.all(largest > 0.0):
         first = tuple(int(i) for i in np.argwhere(largest[..., 0] == 0.0)[0])
-        msg = f"the vector at index {first} is zero; it has no direction, so remove it"
+        msg = f"the vector at index {first} is zero and has no direction; remove it"
         raise InputError(msg)
     scaled = v / largest
     return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
@@ -86,8 +89,9 @@ def matching(name1: str, first: Array, name2: str, second: Array) -> None:
         np.broadcast_shapes(first.shape[:-1], second.shape[:-1])
     except ValueError:
         msg = (
-            f"`{name1}` has shape {first.shape} and `{name2}` {second.shape}, whose "
-            "leading axes do not match; give as many of one as of the other, or one"
+            f"`{name1}` has shape {first.shape} and `{name2}` has "
+            f"{second.shape}; their leading axes do not match, so give as many "
+            "of one as of the other, or one"
         )
         raise InputError(msg) from None
 

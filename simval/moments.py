@@ -11,6 +11,12 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.shapes import Float
 
+
+def deviations(covariance: Float[Array, "... p p"]) -> Float[Array, "... p"]:
+    """Standard deviations that a covariance has."""
+    return np.sqrt(np.linalg.diagonal(covariance))
+
+
 _ERRORS = (("bias_error", "bias"), ("covariance_error", "covariance"))
 
 
@@ -39,7 +45,7 @@ class Moments:
     @property
     def sd(self) -> Float[Array, "... p"]:
         """Standard deviation of each entry, (..., p)."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        return deviations(self.covariance)
 
     @property
     def second_moment(self) -> Float[Array, "... p p"]:
@@ -49,4 +55,4 @@ class Moments:
     @property
     def rms(self) -> Float[Array, "... p"]:
         """Root mean square of each entry, (..., p)."""
-        return np.sqrt(np.diagonal(self.second_moment, axis1=-2, axis2=-1))
+        return deviations(self.second_moment)

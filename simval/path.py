@@ -112,8 +112,8 @@ class PosePath:
         if len(time) < LEAST or not np.all(np.diff(time) > 0.0):
             msg = (
                 f"{len(time)} poses whose times "
-                f"{'do not ' if len(time) >= LEAST else ''}increase; {LEAST} or more "
-                "in order of time are needed"
+                f"{'do not ' if len(time) >= LEAST else ''}increase; give {LEAST} "
+                "or more, in order of time"
             )
             raise InputError(msg)
         self.start, self.step = float(time[0]), float(np.median(np.diff(time)))

@@ -38,6 +38,7 @@ from simval.errors import InputError
 from simval.files import MOST_DOCUMENT, read_text
 from simval.geometry import normalize
 from simval.shapes import Float
+from simval.spelling import counted
 from simval.text import read_whole
 
 PARAMETERS = 9
@@ -236,7 +237,7 @@ def describe(directions: Float[Array, "n 3"]) -> str:
     across = np.sum(cosines < np.sin(2.0 * _SAME_DIRECTION), axis=1)
     if len(distinct) == 6 and np.all(facing == 2) and np.all(across == 4):
         return "the six faces of a cube"
-    return f"{len(distinct)} different direction(s)"
+    return counted(len(distinct), "different direction")
 
 
 def named_poses(text: str) -> Float[Array, "n 3"]:

@@ -108,6 +108,9 @@ class Row:
         return self.statistic, self.predictor
 
 
+Rows = tuple[Row, ...]
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class CellName:
     """Name of the cell that a row belongs to."""
@@ -137,7 +140,7 @@ def _sampled(
     prediction: Numbers,
     predictor: str,
     remainder: Numbers = 0.0,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of sampled values against theory."""
     numbers = (value, standard_error, prediction, remainder)
     rows = _rows(check, statistics, n, predictor, *numbers)
@@ -156,7 +159,7 @@ def _too_much(row: Row) -> str:
     )
 
 
-def beyond(rows: Iterable[Row], why: str) -> tuple[Row, ...]:
+def beyond(rows: Iterable[Row], why: str) -> Rows:
     """The same rows, none judged, if there is a reason why theory ends before them."""
     return tuple(
         replace(row, check="record", outside=why)
@@ -183,7 +186,7 @@ def exact(
     predictor: str,
     remainder: Numbers,
     n: int = 0,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Deterministic rows that must meet the prediction within the remainder."""
     numbers = (value, 0.0, prediction, remainder)
     return _rows("exact", statistics, n, predictor, *numbers)
@@ -191,7 +194,7 @@ def exact(
 
 def limit(
     statistics: Statistics, value: Numbers, most: Numbers, predictor: str, n: int = 0
-) -> tuple[Row, ...]:
+) -> Rows:
     """Deterministic rows that must not exceed a limit."""
     return _rows("limit", statistics, n, predictor, value, 0.0, most, 0.0)
 
@@ -204,7 +207,7 @@ def unjudged(
     prediction: Numbers | None = None,
     predictor: str = "",
     remainder: Numbers = 0.0,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows that are reported and not judged."""
     numbers = (value, standard_error, prediction, remainder)
     return _rows("record", statistics, n, predictor, *numbers)
@@ -212,7 +215,7 @@ def unjudged(
 
 def _rows(
     check: Check, statistics: Statistics, n: int, predictor: str, *numbers: Any
-) -> tuple[Row, ...]:
+) -> Rows:
     members = (statistics,) if isinstance(statistics, Statistic) else tuple(statistics)
     columns = {
         name: np.broadcast_to(np.asarray(value, dtype=float), len(members)).tolist()
@@ -235,7 +238,7 @@ def _rows(
 class Outcome:
     """Results of one cell of a study."""
 
-    rows: tuple[Row, ...]
+    rows: Rows
     # file name to array (stored as npz) or bytes (stored as they are), for the report;
     # names are shared by the cells of a run, the last one written wins, so a name says
     # what it depends on
@@ -244,5 +247,5 @@ class Outcome:
     times: Mapping[str, float] = field(default_factory=dict)
 
 
-ROWS: TypeAdapter[tuple[Row, ...]] = TypeAdapter(tuple[Row, ...])
+ROWS: TypeAdapter[Rows] = TypeAdapter(Rows)
 """Rows from and to JSON, as they cross between processes."""

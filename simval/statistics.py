@@ -347,8 +347,8 @@ def family(name: Any) -> Family:
         return name
     if name not in FAMILIES:
         msg = (
-            f"{str(name)[:60]!r} is no family of statistics of this version of simval; "
-            "use the version that wrote it"
+            f"this version of simval has no statistic {str(name)[:60]!r}; use "
+            "the version that wrote it"
         )
         raise InputError(msg)
     return FAMILIES[name]

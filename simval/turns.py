@@ -106,8 +106,8 @@ def turns_of(
     if same.any():
         k = int(np.argmax(same))
         msg = (
-            f"directions {k} and {k + 1} are the same: nothing is turned between them; "
-            "leave one out, or give axes and angles"
+            f"directions {k} and {k + 1} are the same, so nothing is turned "
+            "between them; leave one out, or give axes and angles"
         )
         raise InputError(msg)
     other = np.eye(3)[np.argmin(np.abs(u[1:]), axis=1)]

@@ -29,7 +29,7 @@ from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.description import with_log
 from simval.imu.multiposition.log_units import Scale, units_of
 from simval.imu.multiposition.noise import log_noise
-from simval.imu.multiposition.noise_description import noise_account
+from simval.imu.multiposition.noise_description import noise_account, noisy
 from simval.imu.recorded.description import FilteredLog
 from simval.imu.recorded.errors import NormalisedSquare, Rms, judged_once
 from simval.imu.recorded.filter_account import filters_account
@@ -273,7 +273,7 @@ def test_the_noise_of_a_log_says_what_it_does_not_show(whole):
     log, _ = whole
     found = log_noise(log)
     units = units_of(log, means=found.means)
-    sensors = {name: (getattr(found, name), units[name]) for name in units}
+    sensors = noisy(found, units)
     found = replace(found, left_out={"magnetometer": "its readings stand still"})
     account = with_log(noise_account(found, sensors), log)
     check_faces(account)

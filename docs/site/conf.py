@@ -12,7 +12,7 @@ ROOT = DOCS.parent
 sys.path.insert(0, str(ROOT))
 
 import simval  # noqa: E402
-from docs.site import mathml, names, reference  # noqa: E402
+from docs.site import mathml, names, notebook, reference  # noqa: E402
 
 # shipped with the pages, since few machines have a font with mathematics' measures
 MATH_FONT = (
@@ -24,6 +24,7 @@ author = "the simval developers"
 version = release = simval.__version__
 language = "en"
 
+source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".ipynb": "markdown"}
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["site/**", "experiments/**"]
 default_role = "name"
@@ -56,7 +57,12 @@ FOLDERS = (("Tutorials", "tutorials"), ("How to", "howto"))
 
 
 def list_folders(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Put folders' pages into the navigation, in the order of the index's links."""
+    """Put folders' pages into the navigation, in the order of the index's links.
+
+    A notebook becomes a page first.
+    """
+    if app.env.doc2path(docname).suffix == ".ipynb":
+        source[0] = notebook.markdown(source[0])
     if docname == "decisions/README":  # there the list is one of links
         source[0] += TREE.format("Decisions", "[0-9]*")
     if docname == "index":
@@ -69,8 +75,8 @@ def list_folders(app: Sphinx, docname: str, source: list[str]) -> None:
 
 def ordered(text: str, docs: Path, folder: str) -> list[str]:
     """Pages of a folder: those that a text links to, in its order, then the others."""
-    linked = re.findall(rf"\]\(({folder}/\w+)\.md\)", text)
-    pages = sorted(f"{folder}/{path.stem}" for path in (docs / folder).glob("*.md"))
+    linked = re.findall(rf"\]\(({folder}/\w+)\.(?:md|ipynb)\)", text)
+    pages = sorted(f"{folder}/{path.stem}" for path in (docs / folder).iterdir())
     return list(dict.fromkeys([*linked, *pages]))
 
 

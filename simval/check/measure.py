@@ -123,7 +123,7 @@ class Limit:
         """Say what a row has, if that is beyond the limit."""
         bounds = self.unit == BOUNDS
         if self.unit and not bounds and self.unit != row.unit:
-            msg = f"limit {self.text!r}: {row.statistic} is in {row.unit}"
+            msg = f"limit {self.text!r}: {row.statistic} has the unit {row.unit}"
             raise InputError(msg)
         value = row.value / (row.prediction if bounds and row.prediction else 1.0)
         kept = value < self.number if self.below else value > self.number
@@ -167,8 +167,9 @@ def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterato
                 if not beside or _has_bound(row)
             }
             msg = (
-                f"limit {limit.text!r} is of nothing that was measured"
-                f"{' beside a bound' * beside}: {', '.join(sorted(names))}"
+                f"limit {limit.text!r}: no such statistic was "
+                f"measured{' beside a bound' * beside}; there are "
+                f"{', '.join(sorted(names))}"
             )
             raise InputError(msg)
         for cell, row in rows:
@@ -357,9 +358,9 @@ def _sorted_out(
     if unknown := words.keys() - own - set_by:
         listed = ", ".join(f"`{word}`" for word in sorted(unknown))
         msg = (
-            f"{listed} is no keyword here; {kind.__name__} declares "
-            f"{', '.join(sorted(own))}; the study `{study}` has "
-            f"{', '.join(sorted(set_by))}; and there are `seed`, `alpha`, "
+            f"{listed} is not a keyword of this fixture; {kind.__name__} "
+            f"declares {', '.join(sorted(own))}, the study `{study}` has "
+            f"{', '.join(sorted(set_by))}, and there are `seed`, `alpha`, "
             "`limits` and `baseline`"
         )
         raise InputError(msg)
@@ -384,7 +385,10 @@ def _plugin(
     if isinstance(algorithm, kind):
         if declared:
             words = ", ".join(f"`{word}`" for word in sorted(declared))
-            msg = f"{words} is for a function; the {kind.__name__} declares it itself"
+            msg = (
+                f"{words} goes with a function; the {kind.__name__} declares it "
+                "itself, so leave it out"
+            )
             raise InputError(msg)
         return algorithm
     name = getattr(algorithm, "__name__", type(algorithm).__name__)

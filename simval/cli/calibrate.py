@@ -60,22 +60,23 @@ def command(
     g: Annotated[StatedGravity, "Gravity where the log was recorded, m/s^2."] = 9.80665,
     g_std: Annotated[
         Positive | None,
-        "Standard deviation of that gravity, m/s^2, which is then in the error bars of "
-        "K.  [default: taken as exact]",
+        "Standard deviation of that gravity, m/s^2; the error bars of K "
+        "then include it.  [default: taken as exact]",
         dict(name="--g-uncertainty"),
     ] = None,
     latitude: Annotated[
         float | None,
         Number(-90.0, 90.0),
-        "Where the log was recorded, degrees north: gravity with its uncertainty is "
-        "that of the place, in place of --g.",
+        "Where the log was recorded, degrees north; gravity and its "
+        "uncertainty are then those of the place, instead of --g.",
         dict(metavar="DEGREES"),
     ] = None,
     height: Annotated[
         float | None, "Height of that place above sea level.", dict(metavar="METRES")
     ] = None,
     model: Annotated[
-        Model, "Form of the matrix: which of the rotated versions is reported."
+        Model,
+        "Form of the matrix: which of the equivalent, rotated matrices is reported.",
     ] = "triangular",
     rate: Rate = None,
     rest: Rest = None,
@@ -87,17 +88,18 @@ def command(
     step: Annotated[Positive, "Fraction of each step that is taken, up to 1."] = 1.0,
     iteration: Annotated[
         Iteration,
-        "Unknowns of the squared residual: the centre, or all nine and the stop rule "
-        "as the sources print them.",
+        "Unknowns of the squared residual: the centre alone, or all nine "
+        "with the stop rule that the sources print.",
     ] = "centre",
     residual: Annotated[Residual, "Residual whose squares are minimised."] = "squared",
     loss: Annotated[
-        Loss, "Loss; all but linear give outlier poses less weight."
+        Loss, "Loss; all except linear give less weight to outlier poses."
     ] = "linear",
     sensors: Annotated[
         str | None,
-        "What to calibrate besides the accelerometer: gyroscope, magnetometer, both "
-        "with a comma between, or none.  [default: all that the log allows]",
+        "What to calibrate besides the accelerometer: gyroscope, "
+        "magnetometer, both separated by a comma, or none.  [default: all "
+        "that the log allows]",
     ] = None,
     hemisphere: Annotated[
         Literal["unstated", "north", "south"],
@@ -114,19 +116,19 @@ def command(
     ] = None,
     leave_out: Annotated[
         str,
-        "Rests to leave out, with commas between: their numbers as printed (7,11), or "
-        "times within them, s, with a point (74.0).",
+        "Rests to leave out, separated by commas: their numbers as printed "
+        "(7,11), or times within them in s, with a decimal point (74.0).",
         dict(metavar="RESTS"),
     ] = "",
     drift: Annotated[
         bool,
-        "Take a drift of the accelerometer's bias and scale over the log into the fit; "
-        "the parameters are those at its middle.",
+        "Fit a drift of the accelerometer's bias and scale over the log, "
+        "too; the parameters are then those at its middle.",
     ] = False,
     means: Annotated[
         bool,
-        "Each row is the mean reading of a pose: LOG is a table of means, and has no "
-        "rests to be found.",
+        "Each row is the mean reading of a pose: LOG is a table of means, "
+        "so no rests are looked for.",
     ] = False,
     gyro_rows: RowsOf = "found",
     gyro_delay: GyroDelay = 0.0,
@@ -136,8 +138,8 @@ def command(
     ] = None,
     label: Annotated[
         tuple[str, ...],
-        "What the record of the calibration states: date, sensor and operator, or any "
-        "other.",
+        "Note to keep in the calibration, such as date, sensor or "
+        "operator; may be repeated.",
         dict(multiple=True, metavar="KEY=VALUE"),
     ] = (),
     out: Annotated[OutFile | None, "Write the calibration to this JSON file."] = None,
@@ -145,14 +147,15 @@ def command(
     to: Annotated[
         tuple[tuple[str, Path], ...],
         "Write the calibration as parameters of a project to FILE: "
-        f"{', '.join(TARGETS)}. What the project cannot hold is said.",
+        f"{', '.join(TARGETS)}. The command says what the project cannot "
+        "hold.",
         PROJECT_FILES,
     ] = (),
     as_json: AsJson = False,
     verbose: Annotated[
         bool,
-        "Print all: every digit, what each answer rests on, how the log was read, and "
-        "what was tried on rests that misfit.",
+        "Print everything: every digit, what each answer rests on, how the "
+        "log was read, and what was tried on rests that do not fit.",
     ] = False,
 ) -> None:
     """Calibrate the accelerometer of a LOG, and its gyroscope and magnetometer.
@@ -164,8 +167,8 @@ def command(
 
     The command finds the initial rest and the static intervals, and prints the
     parameters with error bars. A gyroscope and a magnetometer are calibrated from the
-    same rests; if one cannot be calibrated, the command says why. A magnetometer
-    without an accelerometer is calibrated by all its rows, turned by hand.
+    same rests; if one cannot be calibrated, the command says why. A magnetometer alone
+    is calibrated from all rows, while it is turned by hand.
     """
     from simval.cli.late import postpone
 
@@ -274,7 +277,10 @@ def gravity_of(
         return Gravity(g, std or 0.0, "stated" if stated("g") else "assumed")
     refuse_if(stated("g"), "`--g` and the place both say gravity; give one of the two")
     if latitude is None or height is None:
-        msg = "gravity of a place is by `--latitude` and `--height` together; give both"
+        msg = (
+            "`--latitude` and `--height` go together; give both, or state "
+            "gravity with `--g`"
+        )
         raise InputError(msg)
     found = local_gravity(latitude, height)
     return found if std is None else found._replace(std=std)

@@ -22,7 +22,8 @@ def command(
     summary: Annotated[OutFile | None, "Write a Markdown summary to this file."] = None,
     verbose: Annotated[
         bool,
-        "Print all: every statistic, what it declares, and what the answer rests on.",
+        "Print everything: every statistic, what the plug-in declares, and "
+        "what the answer rests on.",
     ] = False,
 ) -> int:
     """Measure your algorithm PLUGIN in two cells and judge it; keeps no run folder.

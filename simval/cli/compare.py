@@ -36,8 +36,8 @@ def command(
     ] = None,
     every: Annotated[
         bool,
-        "Print every value that changed, not only the kinds, every digit, and what the "
-        "answer rests on.",
+        "Print every value that changed instead of kinds of values, every "
+        "digit, and what the answer rests on.",
         dict(name="--all"),
     ] = False,
     csv_file: Annotated[
@@ -61,9 +61,9 @@ def command(
     With --algorithms A B the command says where A is better or worse than B in RUN_A,
     and by how much.
 
-    Exit code 0, or 3 if the two have nothing in common or, as two files of the same
-    data, tell nothing. To fail on a change, use
-    `simval gate` with a baseline; for more than two runs, use `simval trend`.
+    Exit code 0, or 3 if the two have nothing in common, or are calibrations from the
+    same data, which cannot show a change. To fail on a change, use `simval gate` with a
+    baseline; for more than two runs, use `simval trend`.
     """
     if algorithms:
         files = (out, csv_file, json_file)

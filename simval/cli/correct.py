@@ -51,7 +51,7 @@ def command(
     the calibration is written unchanged. Standard error says so, and which
     columns of LOG were used.
 
-    A calibration that depends on temperature needs that of each row.
+    If the calibration depends on temperature, each row needs its temperature.
 
     A log in another unit or of another sensor is refused, because the length of its
     rests would not be g.

@@ -94,8 +94,9 @@ def command(
     ] = None,
     truth_axes: Annotated[
         str | None,
-        "What the sensor's x, y and z point along in the truth's body, as x,-y,-z, "
-        "within 30 degrees, where the log allows two readings of the truth.",
+        "What the sensor's x, y and z point along in the truth's body, as "
+        "x,-y,-z, within 30 degrees; needed if the log allows two readings "
+        "of the truth.",
         dict(metavar="AXES"),
     ] = None,
     calibration: Annotated[
@@ -109,15 +110,17 @@ def command(
     ] = None,
     accelerometer_noise: Annotated[
         Positive | None,
-        "Noise of the accelerometer given to the filters, a row and axis, m/s^2: on a "
-        "log with motion more than the scatter at rest, by the accelerations that are "
-        "not gravity.  [default: measured in the log's rests]",
+        "Noise of the accelerometer for the filters, per row and axis, "
+        "m/s^2. A log with motion needs more than the scatter at rest, "
+        "because of the accelerations that are not gravity.  [default: "
+        "measured in the log's rests]",
         dict(metavar="STD"),
     ] = None,
     as_published: Annotated[
         bool,
-        "Also by the definitions of the benchmark BROAD: started at the first row, "
-        "truth as recorded, rows marked by the column `movement`.",
+        "Also measure by the definitions of the benchmark BROAD: started "
+        "at the first row, truth as recorded, rows marked by the column "
+        "`movement`.",
     ] = False,
     rate: Rate = None,
     columns: Columns = None,
@@ -139,15 +142,15 @@ def command(
     as_json: AsJson = False,
     verbose: Annotated[
         bool,
-        "Print all: every digit, what each answer rests on, and how log and truth were "
-        "read.",
+        "Print everything: every digit, what each answer rests on, and how "
+        "log and truth were read.",
     ] = False,
 ) -> int:
     """Run attitude filters over a recorded LOG and measure their errors.
 
     LOG must have a gyroscope, an accelerometer and at least one rest. Its columns and
-    its clock are read as by `simval calibrate`. Without a magnetometer a filter is
-    needed that takes none (simval:mekf-six, or magnetometer=False); its heading is
+    its clock are read as by `simval calibrate`. If the log has no magnetometer, give a
+    filter that needs none (simval:mekf-six, or magnetometer=False); its heading is
     measured from its start.
 
     With --truth, errors are measured against recorded attitudes; their clock and axes
@@ -278,7 +281,10 @@ def filters_of(plugins: Sequence[str]) -> dict[str, str]:
     for plugin in plugins:
         held = [each for each in meant(plugin) if each.field == Filter.taken_by]
         if not held:
-            msg = f"{plugin} holds no Filter, and that is what runs over a log"
+            msg = (
+                f"{plugin} holds no Filter; only a Filter runs over a log, so give "
+                "the file of one"
+            )
             raise UnusablePluginError(msg)
         for each in held:
             found[each.name if each.name not in found else each.word] = each.word
@@ -348,15 +354,16 @@ def _require_six(filter: Filter) -> None:
     unknown = {"field", "magnetometer_noise"}.intersection(filter.reads)
     if filter.magnetometer:
         msg = (
-            f"{filter.name} takes a magnetometer, and the log has none: give a filter "
-            "of six axes (simval:mekf-six, or your own with magnetometer=False), or "
-            "name the magnetometer's columns (--columns)"
+            f"{filter.name} takes a magnetometer and the log has none; give a "
+            "filter of six axes (simval:mekf-six, or your own with "
+            "magnetometer=False), or name the columns of the magnetometer "
+            "(--columns)"
         )
         raise UnusablePluginError(msg)
     if unknown:
         msg = (
-            f"{filter.name} reads `{'`, `'.join(sorted(unknown))}`, and the log has no "
-            "magnetometer to tell them; leave them out of its `reads`"
+            f"{filter.name} reads `{'`, `'.join(sorted(unknown))}`, which a log "
+            "without a magnetometer cannot give; take them out of its `reads`"
         )
         raise UnusablePluginError(msg)
 

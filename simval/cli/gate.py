@@ -80,12 +80,12 @@ def command(
     ] = None,
     every: Annotated[
         bool,
-        "Print every check that did not pass, not ten lines by kind.",
+        "Print every check that did not pass, instead of ten lines by kind.",
         dict(name="--all"),
     ] = False,
     table: Annotated[bool, "Print how many checks of each kind passed."] = False,
     samples: Annotated[
-        bool, "Print the samples that the verdicts need, and those spent."
+        bool, "Print how many samples the verdicts need, and how many were spent."
     ] = False,
 ) -> int:
     """Judge RUN (a folder, or `latest`) against theory and the baseline.

@@ -31,9 +31,11 @@ from simval.cli.terminal import show
 from simval.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from simval.account import Account
     from simval.imu.logs import Log
-    from simval.imu.multiposition.noise_description import Sensors
+    from simval.imu.multiposition.noise_description import SensorNoise
 
 
 @declared("noise")
@@ -60,7 +62,7 @@ def command(
     as_json: AsJson = False,
     verbose: Annotated[
         bool,
-        "Print all: every digit and unit, and what each answer rests on.",
+        "Print everything: every digit and unit, and what each answer rests on.",
     ] = False,
 ) -> None:
     """Measure the noise model of a LOG of a sensor at rest.
@@ -68,16 +70,19 @@ def command(
     Prints white noise N, flicker B and random walk K of each axis with their errors in
     the units of data sheets (--verbose: in SI units and Kalibr's, too), and where the
     log shows one, Markov noise, a ramp or a sine. What it does not show gets an upper
-    bound. The whole
-    log is used if it is at rest, otherwise its longest rest. A gyroscope or a
-    magnetometer may be alone: the rests are then found by its own readings.
+    bound. The whole log is used if it is at rest, otherwise its longest rest. A log may
+    also have a gyroscope or a magnetometer alone; its own readings then show the rests.
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
     from simval.imu.logs import read_log
     from simval.imu.multiposition.description import with_log
     from simval.imu.multiposition.log_units import units_of
     from simval.imu.multiposition.noise import log_noise
-    from simval.imu.multiposition.noise_description import as_object, noise_account
+    from simval.imu.multiposition.noise_description import (
+        as_object,
+        noise_account,
+        noisy,
+    )
 
     _require_drawable(figure)
     log = read_log(
@@ -92,12 +97,7 @@ def command(
         "gyro": gyro_unit,
         "magnetometer": magnetometer_unit,
     }
-    units = units_of(log, given, means=found.means)
-    sensors: Sensors = {
-        name: (axes, scale)
-        for name, scale in units.items()
-        if (axes := getattr(found, name))
-    }
+    sensors = noisy(found, units_of(log, given, means=found.means))
     account = with_log(noise_account(found, sensors), log)
     if figure is not None:
         _draw(figure, log, sensors)
@@ -108,14 +108,17 @@ def command(
         click.echo(json.dumps(written, allow_nan=False))
     else:
         show(account, verbose=verbose)
-    if not any(axis.coefficients for axes, _ in sensors.values() for axis in axes):
-        msg = f"{path}: no axis has a noise model; the reasons stand with each axis"
+    if not any(axis.coefficients for each in sensors for axis in each.axes):
+        msg = f"{path}: no axis has a noise model; the reason for each is above"
         raise RefusedError(msg)
 
 
 def _require_present(name: str, unit: str | None, rows: Any, path: Path) -> None:
     if unit is not None and rows is None:
-        msg = f"`--{name}-unit` is given, and {path} has no {name}; name its columns"
+        msg = (
+            f"`--{name}-unit` is given, but {path} has no {name}; leave it out, "
+            "or name its columns (--columns)"
+        )
         raise InputError(msg)
 
 
@@ -125,12 +128,11 @@ def _require_drawable(figure: Path | None) -> None:
         raise InputError(msg)
 
 
-def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
-    from simval.imu.multiposition.noise_description import noisy
+def _draw(figure: Path, log: Log, sensors: Sequence[SensorNoise]) -> None:
     from simval.report import png, svg_file
     from simval.report.noise_page import allan_drawing
 
-    drawing = allan_drawing(Path(log.path).name, noisy(sensors))
+    drawing = allan_drawing(Path(log.path).name, sensors)
     if not drawing.panels:
         return  # no reading varies: refused below
     try:
@@ -143,9 +145,10 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
         raise InputError(msg) from None
 
 
-def _write_page(page: Path, log: Log, account: Account, sensors: Sensors) -> None:
-    from simval.imu.multiposition.noise_description import noisy
+def _write_page(
+    page: Path, log: Log, account: Account, sensors: Sequence[SensorNoise]
+) -> None:
     from simval.report.log_page import render_log  # starts the drawing
     from simval.report.noise_page import noise_page
 
-    write(page, render_log(noise_page(log, noisy(sensors), account, command_again())))
+    write(page, render_log(noise_page(log, sensors, account, command_again())))

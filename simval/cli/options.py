@@ -275,15 +275,16 @@ Rest = Annotated[
 ]
 RowsOf = Annotated[
     GyroRows,
-    "What a row of the gyroscope is: the mean rate over the step before its stamp or "
-    "after it, or the rate of that instant; found by the accelerometer where the log "
-    "can tell, else taken as before.",
+    "What a row of the gyroscope is: the mean rate over the step "
+    "before its stamp or after it, or the rate at that instant. If the "
+    "log can show it, the accelerometer decides; otherwise it is taken "
+    "as before.",
     dict(name="--gyro-rows"),
 ]
 GyroDelay = Annotated[
     float,
     Number(-500.0, 500.0),
-    "By how much these rows are late against the accelerometer's.",
+    "How late these rows are, compared with the accelerometer's.",
     dict(metavar="MS"),
 ]
 Page = Annotated[
@@ -311,8 +312,9 @@ def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":
 
     if log.gyro is None and (kind != "found" or delay_ms):
         msg = (
-            f"{log.path} has no gyroscope, of whose rows `--gyro-rows` and "
-            "`--gyro-delay` are; leave them out, or name its columns (--columns)"
+            f"{log.path} has no gyroscope, so `--gyro-rows` and `--gyro-delay` "
+            "have no meaning; leave them out, or name the columns of a "
+            "gyroscope (--columns)"
         )
         raise InputError(msg)
     known = "before" if kind == "found" else kind

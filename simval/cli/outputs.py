@@ -93,8 +93,8 @@ def require_free(path: Path, option: str = "--out") -> None:
             name = place.relative_to(folder).parts[0]
             if name.lower() in OWN and os.path.lexists(folder / STORE):
                 msg = (
-                    f"`{option}` names {path}, a file of the run in {folder}, which "
-                    "would be lost; choose another"
+                    f"`{option}` names {path}, which is a file of the run in {folder} "
+                    "and would be lost; choose another file"
                 )
                 raise InputError(msg)
 
@@ -105,8 +105,8 @@ def beside_store(folder: Path, name: str) -> Path:
     for each in (path, path.with_name(f"{name}.part")):
         if os.path.lexists(each) and not stat.S_ISREG(each.lstat().st_mode):
             msg = (
-                f"{each} is no regular file, so it is not written over; take it away, "
-                "or choose another file with --out"
+                f"{each} is not a regular file and is not overwritten; move it "
+                "away, or choose another file with --out"
             )
             raise InputError(msg)
     return path

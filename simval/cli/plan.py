@@ -61,7 +61,7 @@ def command(
         dict(name="--noise"),
     ] = None,
     hold: Annotated[
-        float | None, "Time that is averaged in each pose.", dict(metavar="SECONDS")
+        float | None, "Time for which each pose is averaged.", dict(metavar="SECONDS")
     ] = None,
     sensor: Annotated[
         Path | None,
@@ -79,8 +79,9 @@ def command(
     ] = None,
     temperatures: Annotated[
         str | None,
-        "Temperatures that can be had, degC, as 10,25,40: plan which pose to take at "
-        "which of them, for bias and scale that depend on it.",
+        "Temperatures that you can reach, degC, as 10,25,40: plan which "
+        "pose to take at which of them, for a bias and scale that depend "
+        "on temperature.",
     ] = None,
     rests: Annotated[
         int | None,
@@ -93,8 +94,8 @@ def command(
     as_json: AsJson = False,
     verbose: Annotated[
         bool,
-        "Print all: every digit, what each answer rests on, and the error bars with "
-        "the next pose or rotation.",
+        "Print everything: every digit, what each answer rests on, and the "
+        "error bars with the next pose or rotation.",
     ] = False,
 ) -> None:
     """Predict the error bars of a calibration before any data is taken.
@@ -108,7 +109,7 @@ def command(
     and the next rotation that would help most.
 
     With --temperatures it says which pose to take at which temperature, and how well
-    linear terms of bias and scale will be known, of an ideal sensor.
+    you will know the linear terms of bias and scale of an ideal sensor.
     """
     from simval.poses import named_poses, read_directions
     from simval.theory.plans import (
@@ -229,7 +230,10 @@ def noise_of(
     others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
-            msg = "`--noise-std` is the noise of a pose mean; leave out the rest"
+            msg = (
+                "`--noise-std` states the noise of a pose mean already; leave out "
+                "the other noise options"
+            )
             raise InputError(msg)
         return noise_std
     if hold is None:

@@ -72,8 +72,8 @@ def command(
     ] = 1,
     gyro_rows: Annotated[
         RowKind,
-        "What a row of the gyroscope is: the mean rate over the step before its stamp "
-        "or after it, or the rate of that instant.",
+        "What a row of the gyroscope is: the mean rate over the step "
+        "before its stamp or after it, or the rate at that instant.",
         dict(name="--gyro-rows"),
     ] = "before",
     gyro_delay: GyroDelay = 0.0,
@@ -95,10 +95,10 @@ def command(
     """Simulate the scene NAME and write its readings, or a picture of it.
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
-    of a Python file with a Scene; or recorded poses are followed (--trajectory), by a
-    smooth path with exact rates and forces at any instant. --out writes a test signal
-    for any calibrator: a log with the raw readings of accelerometer, gyroscope and
-    magnetometer, and their truth.
+    of a Python file with a Scene. With --trajectory the body follows recorded poses
+    instead, along a smooth path whose rates and forces are exact at any instant. --out
+    writes a test signal for any calibrator: a log with the raw readings of
+    accelerometer, gyroscope and magnetometer, and their truth.
     """
     from simval.imu.logs import Rows
     from simval.imu.sensor import load_imu

@@ -83,8 +83,8 @@ def command(
     ] = (),
     own: Annotated[
         tuple[Path, ...],
-        "Add the study of a Python file, which the suite names as the file is called; "
-        "may be repeated.",
+        "Add the study in a Python file; the suite uses the name of the "
+        "file; may be repeated.",
         dict(name="--study", metavar="FILE"),
     ] = (),
     resume: Annotated[bool, "Continue an interrupted run in the folder --out."] = False,

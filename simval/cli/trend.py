@@ -21,7 +21,7 @@ def command(
     folder: Path,
     every: Annotated[
         bool,
-        "Print every value that has a step, not only the kinds.",
+        "Print every value that has a step instead of kinds of values.",
         dict(name="--all"),
     ] = False,
     csv_file: Annotated[

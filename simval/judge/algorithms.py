@@ -51,6 +51,7 @@ from simval.statistics import (
     FAILURES,
     FAMILIES,
     NEES,
+    RMS,
     SD,
     Family,
 )
@@ -182,7 +183,7 @@ def bias_over_bound(cell: CellResult) -> float | None:
     return float(np.sqrt(max(float(np.mean(squares)), 0.0)))
 
 
-def group_rms(cell: CellResult, letter: str) -> Measured | None:
+def group_rms(cell: CellResult, letter: str) -> Row | None:
     """RMS error over the parameters of one kind, by the first letter of their names."""
     rows = [
         (spread.value**2 + max(bias.value**2 - bias.standard_error**2, 0.0), spread)
@@ -193,7 +194,18 @@ def group_rms(cell: CellResult, letter: str) -> Measured | None:
         return None
     rms = float(np.sqrt(np.mean([square for square, _ in rows])))
     slopes = [spread.value * spread.standard_error for _, spread in rows]
-    return _finite(rms, float(np.mean(slopes)) / rms) if rms > 0.0 else None
+    found = _finite(rms, float(np.mean(slopes)) / rms) if rms > 0.0 else None
+    if found is None:
+        return None
+    bound = np.sqrt(np.mean([(spread.prediction or 0.0) ** 2 for _, spread in rows]))
+    first = rows[0][1]
+    return replace(
+        first,
+        statistic=RMS(letter, unit=first.unit),
+        value=found.value,
+        standard_error=found.error,
+        prediction=float(bound),
+    )
 
 
 def honesty(cell: CellResult) -> Measured | None:
@@ -310,8 +322,8 @@ def compare_algorithms(
     studies = [s for s in STUDIES if set(names) <= set(algorithms_of(run, s))]
     if not studies:
         msg = (
-            f"`{names[0]}` and `{names[1]}` are not of one study; compare two "
-            "estimators or two calibrators"
+            f"`{names[0]}` and `{names[1]}` belong to different studies; "
+            "compare two estimators, two calibrators or two filters"
         )
         raise InputError(msg)
     ours, theirs = (

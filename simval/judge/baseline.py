@@ -172,8 +172,8 @@ def write_baseline(
     if unfinished or not run.cells:
         first = unfinished[0] if unfinished else "the run has none"
         msg = (
-            f"{len(unfinished)} cells are unfinished ({first}); a baseline is written "
-            "from a whole run: finish it with `simval sweep ... --resume`"
+            f"{len(unfinished)} cells are unfinished ({first}), and a baseline "
+            "needs a whole run: finish it with `simval sweep ... --resume`"
         )
         raise InputError(msg)
     cells = ",\n".join(

@@ -412,8 +412,8 @@ def reasons_given(
             known = sorted({*kinds, *map(study_of, kinds)})
             meant = did_you_mean(name, known)
             msg = (
-                f"nothing that is called {name.strip()!r} moved{meant}; take the kinds "
-                "that the command prints"
+                f"no statistic that is called {name.strip()!r} moved{meant}; take "
+                "the kinds that the command prints"
             )
             raise InputError(msg)
         given |= dict.fromkeys(own, words.strip())

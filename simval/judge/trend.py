@@ -130,8 +130,9 @@ def _date(origin: Origin, by_commit: bool) -> tuple[datetime, datetime]:
         dates = [datetime.fromisoformat(text) for text in texts]
     except ValueError:
         msg = (
-            f"the run {origin.name} has no date, so it has no place in a series; "
-            "finish it with `simval sweep SUITE --resume`, or move it elsewhere"
+            f"the run {origin.name} has no date (it is unfinished), so it has "
+            "no place in a series; finish it with `simval sweep SUITE "
+            "--resume`, or move it elsewhere"
         )
         raise InputError(msg) from None
     known = [d if d.tzinfo else d.replace(tzinfo=UTC) for d in dates]
@@ -146,9 +147,10 @@ def _require_one_suite(runs: Sequence[Run]) -> None:
     shared = len(set.intersection(*asked))
     listed = ", ".join(f"{name} ({count})" for name, count in names.most_common())
     msg = (
-        f"the {len(runs)} runs are of {len(names)} suites: {listed}; they share "
-        f"{shared} of {len(set.union(*asked))} cells. Give each suite a folder of its "
-        "own; `simval compare A B` compares two runs in what they share"
+        f"the {len(runs)} runs are of {len(names)} suites: {listed}; they "
+        f"share {shared} of {len(set.union(*asked))} cells. Give each suite "
+        "a folder of its own, or use `simval compare A B`, which compares "
+        "two runs in what they share"
     )
     raise InputError(msg)
 

@@ -90,8 +90,8 @@ def batch_means(errors: Float[Array, "p n"], batch: int) -> Array:
     errors = shaped_array("the errors", errors, (None, None))
     if errors.ndim != 2 or errors.size == 0 or errors.shape[1] % batch:
         msg = (
-            f"the errors have shape {errors.shape}; (p, n) is needed, n a multiple of "
-            f"the {batch} samples of a batch"
+            f"the errors have shape {errors.shape}; give (p, n), where n is a "
+            f"multiple of the {batch} samples of a batch"
         )
         raise InputError(msg)
     p, n = errors.shape

@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array, shaped_array
+from simval.arrays import Array, Mask, finite_array, shaped_array
 from simval.errors import CrashedPluginError, InputError, PluginError, RefusedError
 from simval.imu.sensor import forms
 from simval.imu.sensor.models import FIXED, places_of
@@ -33,7 +33,7 @@ from simval.plugins.attitudes import (
     tail,
 )
 from simval.plugins.child import answered, where_it_lives
-from simval.plugins.noise import VectorNoise, vector_noise
+from simval.plugins.noise import VectorNoise, Vectors, vector_noise
 from simval.plugins.protocol import (
     ANSWERS,
     BatchCalibrator,
@@ -44,7 +44,6 @@ from simval.plugins.protocol import (
 from simval.shapes import Bool, Float
 from simval.text import raised, words_of
 
-Mask = NDArray[np.bool_]
 Shape = tuple[int, ...]
 
 
@@ -74,7 +73,7 @@ def ended(name: str, error: BaseException, where: str = "") -> PluginError:
 def answers(
     estimator: Estimator,
     function: Callable[..., Any],
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None,
     *more: Any,
 ) -> list[Any]:
@@ -126,7 +125,7 @@ def stacked(estimator: Estimator, vectors: list[Any]) -> list[Any]:
 
 def handed(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None,
 ) -> dict[str, Array]:
     """Extra arguments that an estimator asked for, by name."""
@@ -152,7 +151,7 @@ def _row(
 
 def quaternions_of(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n 4"]:
     """Estimate attitudes and bring them to the package's convention."""
@@ -176,7 +175,7 @@ def quaternions_of(
 @where_it_lives
 def raw_attitudes(
     estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
+    vectors: Vectors,
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n ..."]:
     """Answers in the estimator's own convention; rows need not be attitudes."""
@@ -204,7 +203,7 @@ def other_form(found: Shape, required: Shape) -> str:
 
 @where_it_lives
 def covariances_of(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
+    estimator: Estimator, vectors: Vectors, noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
     """Ask an estimator for its covariances."""
     name, one = estimator.name, (3, 3)
@@ -271,14 +270,14 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
     no variance in some other direction.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        variances = np.diagonal(each, axis1=1, axis2=2)
+        variances = np.linalg.diagonal(each)
         std = np.sqrt(np.maximum(variances, 0.0))
         for k in range(definite, std.shape[1], 3):
             part = std[:, k : k + 3]
             part[:] = np.maximum(part, LEAST_SCALE * part.max(axis=1, keepdims=True))
         i, j = np.triu_indices(each.shape[-1], 1)
         skew = np.abs(each[:, i, j] - each[:, j, i])
-        sound: Mask = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
+        sound = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
         sound &= finite_rows(each)
         sound &= (variances >= NEGATIVE * std**2).all(1)
         sound &= (variances[:, :definite] > 0.0).all(1)
@@ -290,8 +289,8 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
         size = std[:, :, None] * std[:, None, :]
         safe = np.where(size > 0.0, size, 1.0)
         scaled = np.where(sound[:, None, None], each / safe, np.eye(each.shape[-1]))
-    least: Mask = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
-    first: Mask = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0
+    least = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
+    first = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0
     return sound & least & first
 
 
@@ -306,13 +305,13 @@ def require_covariances(name: str, each: Float[Array, "n p p"]) -> None:
 
 def _covariance_fault(word: str, P: Float[Array, "p p"]) -> str:
     """Say what is wrong of a covariance that is finite and not sound."""
-    apart = float(np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300))
+    apart = np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300)
     if apart > ASYMMETRY:
         return (
             f"`{word}` that is not symmetric, by {apart:.2g} of its greatest entry; "
             "update it symmetrically, or return (P + P.T) / 2"
         )
-    least = float(np.linalg.eigvalsh((P + P.T) / 2.0)[0])
+    least = np.linalg.eigvalsh((P + P.T) / 2.0)[0]
     return (
         f"`{word}` that is not positive definite: its least eigenvalue is {least:.3g}; "
         "a variance is above zero in each direction (Joseph's form keeps it so)"
@@ -433,7 +432,7 @@ def _require_class(
     scaled = "scale" in estimates
     fixed = np.diag(np.diagonal(matrix)) if scaled else np.diag(FIXED[3:6])
     off = np.abs(matrix - fixed)
-    if not float(off.max()) <= ROUNDING * float(np.abs(fixed).max()):
+    if not off.max() <= ROUNDING * np.abs(fixed).max():
         row, column = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
         msg = (
             f"{name} estimates {' and '.join(estimates)}, so its matrix must be "

@@ -28,22 +28,20 @@ from types import MappingProxyType
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.geometry import (
     FRAME_AXES,
     attitude_matrix,
     normalize,
     random_quaternions,
 )
+from simval.plugins.noise import Vectors
 from simval.shapes import Bool, Float
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion, and a column of a matrix, may be, and how
 far from right the angle of two columns, rad."""
-
-Mask = NDArray[np.bool_]
 
 
 def tail(components: str) -> tuple[int, ...]:
@@ -53,14 +51,14 @@ def tail(components: str) -> tuple[int, ...]:
 
 def finite_rows(raw: Float[Array, "n ..."]) -> Bool[Mask, " n"]:
     """Mask of finite answers."""
-    finite: Mask = np.isfinite(raw)
+    finite = np.isfinite(raw)
     return np.logical_and.reduce(finite, axis=tuple(range(1, raw.ndim)))
 
 
 def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
     """Mask of answers that are attitudes: finite, and unit quaternions or rotations."""
     with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite
-        sound: Mask = np.logical_and(finite_rows(raw), defects(raw, components) <= UNIT)
+        sound = np.logical_and(finite_rows(raw), defects(raw, components) <= UNIT)
     if components == "matrix":
         finite = np.where(sound[:, None, None], raw, np.eye(3))
         sound = np.logical_and(sound, np.linalg.det(finite) > 0.0)
@@ -70,12 +68,10 @@ def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
 def defects(raw: Float[Array, "n ..."], components: str) -> Float[Array, " n"]:
     """Deviation of answers from unit length, or from orthonormal columns."""
     if components != "matrix":
-        lengths: Array = np.abs(np.linalg.norm(raw, axis=1) - 1.0)
-        return lengths
+        return np.abs(np.linalg.norm(raw, axis=1) - 1.0)
     # a column that is too long by x has a square that is too great by 2x
-    gram = (raw.swapaxes(1, 2) @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
-    worst: Array = np.abs(gram).max(axis=(1, 2))
-    return worst
+    gram = (raw.mT @ raw - np.eye(3)) * (1.0 - np.eye(3) / 2.0)
+    return np.abs(gram).max(axis=(1, 2))
 
 
 def fault_of(raw: Float[Array, "n ..."], components: str) -> str:
@@ -83,21 +79,21 @@ def fault_of(raw: Float[Array, "n ..."], components: str) -> str:
     row = int(np.argmin(sound_rows(raw, components)))
     if components != "matrix":
         off = np.linalg.norm(raw, axis=1) - 1.0
-        worst = float(off[int(np.argmax(np.abs(off)))])
+        worst = off[int(np.argmax(np.abs(off)))]
         return (
             f"a quaternion whose length is off by {worst:.2g}; every one must have "
             f"length 1 to {UNIT:g}, so normalise them"
         )
     M = raw[row]
-    determinant = float(np.linalg.det(M))
-    scale = float(np.cbrt(abs(determinant)))
-    if scale > 0.0 and float(defects(M[None] / scale, components)[0]) <= UNIT:
+    determinant = np.linalg.det(M)
+    scale = np.cbrt(abs(determinant))
+    if scale > 0.0 and defects(M[None] / scale, components)[0] <= UNIT:
         if abs(scale - 1.0) > UNIT:
             what = f"its columns have the length {scale:.6g} instead of 1"
         else:
             what = f"it is a reflection, its determinant is {determinant:.3g}"
     else:
-        apart = float(defects(raw[row : row + 1], components)[0])
+        apart = defects(raw[row : row + 1], components)[0]
         what = f"its columns are not orthonormal, by {apart:.2g}"
     return (
         f"a matrix that is no rotation in row {row}: {what}; every one must be a "
@@ -120,14 +116,13 @@ def package_quaternion(
 
 def _quaternion_of(M: Float[Array, "n 3 3"]) -> Float[Array, "n 4"]:
     # scalar last, Hamilton's product: R(q) v = q v q*
-    trace = np.trace(M, axis1=1, axis2=2)
+    trace = np.linalg.trace(M)
     N = np.empty((len(M), 4, 4))
-    N[:, :3, :3] = M + M.swapaxes(1, 2) - trace[:, None, None] * np.eye(3)
+    N[:, :3, :3] = M + M.mT - trace[:, None, None] * np.eye(3)
     turn = [M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]]
     N[:, :3, 3] = N[:, 3, :3] = np.stack(turn, axis=1)
     N[:, 3, 3] = trace
-    vectors: Array = np.linalg.eigh(N)[1][:, :, -1]
-    return vectors
+    return np.linalg.eigh(N)[1][:, :, -1]
 
 
 Vertical = Literal["up", "down"]
@@ -236,14 +231,12 @@ class Observed:
         r1: Float[Array, "n 3"],
         r2: Float[Array, "n 3"],
         rng: np.random.Generator,
-    ) -> tuple[Float[Array, "n 4"], list[Float[Array, "n 3"]]]:
+    ) -> tuple[Float[Array, "n 4"], Vectors]:
         more = (rng.standard_normal((len(q), 3)) for _ in range(self.vectors - 2))
         return q, seen(q, r1, r2, *(normalize(r) for r in more))
 
 
-def seen(
-    q: Float[Array, "n 4"], *references: Float[Array, "n 3"]
-) -> list[Float[Array, "n 3"]]:
+def seen(q: Float[Array, "n 4"], *references: Float[Array, "n 3"]) -> Vectors:
     """Vectors b1, b2, ..., r1, r2, ... of true attitudes, without noise."""
     A = attitude_matrix(q)
     return [*(np.einsum("nij,nj->ni", A, r) for r in references), *references]

@@ -120,7 +120,7 @@ def _other_meaning(answer: Calibration, sensor: AccelerometerModel) -> str:
     }
     for words, (matrix, bias) in readings.items():
         other = Calibration(matrix=matrix, bias=bias)
-        if float(_errors(other, sensor).max()) <= TOLERANCE:
+        if _errors(other, sensor).max() <= TOLERANCE:
             return words
     return ""
 

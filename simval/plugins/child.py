@@ -284,14 +284,13 @@ class Child(End):
         except (EOFError, OSError):
             raise Lost(CrashedPluginError(self._death())) from None
         except UNREADABLE as error:
-            msg = f"{self.who}'s process left no readable answer ({error})"
+            msg = f"the process of {self.who} left no readable answer ({error})"
             raise Lost(PluginError(f"{msg}{self._last_words()}")) from None
         if fault == "lost":
             raise Lost(CrashedPluginError(answer))
         if fault:
             raise FAULTS.get(fault, PluginError)(answer)
-        found: T = answer
-        return found
+        return answer
 
     def _received_into(self, left: memoryview) -> int:
         while (rest := self.time_limit - self.spent) > 0.0:

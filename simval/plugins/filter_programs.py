@@ -74,8 +74,8 @@ def command_filter(words: str, **declared: Any) -> Filter:
         raise UnusablePluginError(msg)
     if declared.get("batch") or {"reads", "make"} & declared.keys():
         msg = (
-            f"`{words}`: a command takes one trial, and what it reads stands in its "
-            "words, so leave out `batch`, `reads` and `make`"
+            f"`{words}`: a command runs one trial and gets what it reads as "
+            "arguments, so leave out `batch`, `reads` and `make`"
         )
         raise UnusablePluginError(msg)
     entries = 9 if declared.get("components") == "matrix" else 4
@@ -161,7 +161,7 @@ class _Process:
         except subprocess.TimeoutExpired:
             msg = (
                 f"`{self.program}` still runs {END_LIMIT:g} s after its input has "
-                "ended; end with the end of standard input"
+                "ended; let it end when standard input ends"
             )
             raise SlowPluginError(msg) from None
         finally:
@@ -192,8 +192,8 @@ class _Process:
         while b"\n" not in self.pending:
             if len(self.pending) > LINE_LIMIT:
                 msg = (
-                    f"`{self.program}` printed {len(self.pending)} bytes without an "
-                    "end of the line; print one line for each row"
+                    f"`{self.program}` printed {len(self.pending)} bytes without a "
+                    "line end; print one line for each row"
                 )
                 raise PluginError(msg)
             more = self._more(end - monotonic())

@@ -322,7 +322,10 @@ def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
     values: dict[str, list[str]] = {}
     for plugin in plugins:
         if "," in plugin:
-            msg = f"`{plugin}` has a comma, which separates values; rename it"
+            msg = (
+                f"`{plugin}` has a comma, which separates values in a list; rename "
+                "the file"
+            )
             raise UnusablePluginError(msg)
         for each in meant(plugin):
             values.setdefault(each.field, []).append(each.word)
@@ -372,8 +375,8 @@ def offer(plugin: str) -> list[tuple[str, str, dict[str, str]]]:
     ]
     if not held:
         msg = (
-            f"{plugin} holds no Estimator, Calibrator, Filter or Scene at its top "
-            "level; see docs/plugins.md"
+            f"{plugin} holds no Estimator, Calibrator, Filter or Scene at its "
+            "top level; docs/plugins.md says how to declare one"
         )
         raise UnusablePluginError(msg)
     return held

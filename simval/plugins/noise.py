@@ -19,7 +19,7 @@ or standard deviations of b1, b2, ..., r1, r2, ... as words (``"1 3 0 0"``), or 
 
 import json
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -43,6 +43,10 @@ READABLE: Final = ("noise_std", "weights", "covariances")
 """What an estimator may be handed."""
 
 
+Vectors = list[Float[Array, "n 3"]]
+"""Of n samples: body vectors, then as many reference vectors."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorNoise:
     """Independent Gaussian noise of k body and k reference vectors."""
@@ -57,13 +61,12 @@ class VectorNoise:
 
     def small(self, noise_std: float) -> "VectorNoise":
         """The same shape, no vector noisier than a size that is small enough."""
-        return self.at(noise_std / max(1.0, float(self.relative.max())))
+        return self.at(noise_std / max(1.0, self.relative.max()))
 
     @property
     def relative(self) -> Float[Array, " m"]:
         """Root mean square per axis for a size of 1; of tangent noise across it."""
-        deviations: Array = np.sqrt(np.trace(self.unit, axis1=1, axis2=2) / 3.0)
-        return deviations
+        return np.sqrt(np.linalg.trace(self.unit) / 3.0)
 
     @property
     def std(self) -> Float[Array, " m"]:
@@ -78,8 +81,7 @@ class VectorNoise:
     @property
     def weights(self) -> Float[Array, " k"]:
         """Inverse of the summed variances of each pair."""
-        weights: Array = 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
-        return weights
+        return 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
 
     @property
     def isotropic(self) -> bool:
@@ -104,9 +106,7 @@ class VectorNoise:
         eye = np.eye(3)
         return all(np.array_equal(self.unit[i], eye) for i in self.noisy)
 
-    def covariances(
-        self, vectors: list[Float[Array, "n 3"]]
-    ) -> Float[Array, "n m 3 3"]:
+    def covariances(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
         """Covariance of each vector, whose true or measured values are given."""
         scaled = self.noise_std**2 * self.unit
         if not self.tangent:
@@ -114,19 +114,15 @@ class VectorNoise:
         v = np.stack(vectors, axis=1)
         along = v / np.linalg.norm(v, axis=2, keepdims=True)
         planes = np.eye(3) - along[..., :, None] * along[..., None, :]
-        result: Array = scaled @ planes
-        return result
+        return scaled @ planes
 
-    def roots(self, vectors: list[Float[Array, "n 3"]]) -> Float[Array, "n m 3 3"]:
+    def roots(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
         """Symmetric root of each covariance; what times normal numbers is the noise."""
         values, axes = np.linalg.eigh(self.covariances(vectors))
         scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-        roots: Array = scaled @ axes.swapaxes(-1, -2)
-        return roots
+        return scaled @ axes.mT
 
-    def read(
-        self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
-    ) -> dict[str, Array]:
+    def read(self, reads: tuple[str, ...], vectors: Vectors) -> dict[str, Array]:
         """Noise in the form that an estimator of pairs asked for."""
         known = {"noise_std": self.std, "weights": self.weights}
         if "covariances" in reads:
@@ -160,8 +156,8 @@ def _named(name: str, k: int) -> VectorNoise:
         rng = np.random.default_rng(20_270)
         axes = np.linalg.qr(rng.standard_normal((k, 3, 3)))[0]
         variances = 10.0 ** rng.uniform(-2.0, 0.0, (k, 3))
-        skew = axes @ (variances[:, :, None] * axes.swapaxes(1, 2))
-        unit[:k] = (skew + skew.swapaxes(1, 2)) / 2.0
+        skew = axes @ (variances[:, :, None] * axes.mT)
+        unit[:k] = (skew + skew.mT) / 2.0
     return VectorNoise(unit=unit, tangent=name == "tangent")
 
 
@@ -181,13 +177,12 @@ def _isotropic(words: list[str], text: str) -> Float[Array, "m 3 3"]:
         msg = f"`noise` is {text:.60}; standard deviations must be 0 or more"
         raise InputError(msg)
     capped = np.minimum(numbers, 1e100)  # whose squares are numbers, and refused
-    unit: Array = capped[:, None, None] ** 2 * np.eye(3)
-    return unit
+    return capped[:, None, None] ** 2 * np.eye(3)
 
 
 def _matrices(text: str) -> Float[Array, "m 3 3"]:
     try:
-        value: Any = np.array(json.loads(text), dtype=float)
+        value = np.array(json.loads(text), dtype=float)
     except (ValueError, TypeError, RecursionError):
         value = np.zeros(0)
     if value.ndim != 3 or value.shape[1:] != (3, 3):
@@ -196,11 +191,10 @@ def _matrices(text: str) -> Float[Array, "m 3 3"]:
             "one of each vector, body vectors first"
         )
         raise InputError(msg)
-    matrices: Array = value
-    if not np.array_equal(matrices, matrices.swapaxes(1, 2)):
+    if not np.array_equal(value, value.mT):
         msg = f"`noise` is {text:.60}; its covariances must be symmetric"
         raise InputError(msg)
-    return matrices
+    return value
 
 
 def _require_sizes(unit: Float[Array, "m 3 3"], text: str) -> None:

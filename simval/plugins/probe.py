@@ -20,9 +20,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.consistency import rotation_error
 from simval.errors import CrashedPluginError, PluginError, SlowPluginError
 from simval.geometry import FRAMES, attitude_error, rotation_vector
@@ -37,7 +36,7 @@ from simval.plugins.attitudes import (
     package_quaternion,
     sound_rows,
 )
-from simval.plugins.noise import VectorNoise, vector_noise
+from simval.plugins.noise import VectorNoise, Vectors, vector_noise
 from simval.plugins.protocol import Estimator, alternatives
 from simval.shapes import Bool, Float
 
@@ -54,8 +53,7 @@ DIGITS = 8
 def moved(given: Float[Array, "..."]) -> Float[Array, "..."]:
     """The same, moved by what only coarse numbers do not show."""
     rng = np.random.default_rng(20_274)
-    changed: Array = given + MOVED * rng.standard_normal(given.shape)
-    return changed
+    return given + MOVED * rng.standard_normal(given.shape)
 
 
 def imprecision(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) -> str:
@@ -90,14 +88,12 @@ much more."""
 BATCH_NOISE = 0.01
 """Of the vectors on which rows of a large batch are compared with themselves alone."""
 
-Mask = NDArray[np.bool_]
-
 
 class Exact(NamedTuple):
     """Exact cases of an estimator, and the noise stated to it."""
 
     truth: Float[Array, "n 4"]
-    vectors: list[Float[Array, "n 3"]]
+    vectors: Vectors
     noise: VectorNoise | None = None
 
     def rows(self, rows: slice) -> "Exact":
@@ -145,16 +141,14 @@ class Exact(NamedTuple):
 
     def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
         """Mask of answers that are not an estimate of the truth."""
-        wrong: Mask = ~(self.errors(estimator) <= allowed(self.vectors))
-        return wrong
+        return ~(self.errors(estimator) <= allowed(self.vectors))
 
 
-def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
+def allowed(vectors: Vectors) -> Float[Array, " n"]:
     """Tolerance of an exact case, rad."""
     first, *others = vectors[len(vectors) // 2 :]
     sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
-    tolerance: Array = TOLERANCE / np.max(sines, axis=0)
-    return tolerance
+    return TOLERANCE / np.max(sines, axis=0)
 
 
 def failure_shares(
@@ -201,9 +195,9 @@ def probe_covariance(estimator: Estimator, exact: Exact, noise: VectorNoise) -> 
         J = (errors[0::2] - errors[1::2]) / (2.0 * STEP)
         seen = small.noise_std**2 * np.einsum("dni,dnj->nij", J, J)
         apart = np.linalg.norm(claimed - seen, axis=(-2, -1))
-        off[side] = float(np.max(apart / np.linalg.norm(seen, axis=(-2, -1))))
-        traces = (np.trace(each, axis1=-2, axis2=-1) for each in (claimed, seen))
-        factor[side] = float(np.median(np.divide(*traces)))
+        off[side] = np.max(apart / np.linalg.norm(seen, axis=(-2, -1)))
+        traces = (np.linalg.trace(each) for each in (claimed, seen))
+        factor[side] = np.median(np.divide(*traces))
     side, other = estimator.side, "reference" if estimator.side == "body" else "body"
     most = SPREAD_TOLERANCE + SPREAD_NOISE
     if not off[side] <= most:
@@ -212,7 +206,7 @@ def probe_covariance(estimator: Estimator, exact: Exact, noise: VectorNoise) -> 
             hint = f'it fits side="{other}": declare that'
         msg = (
             f"the covariance of {estimator.name} is {off[side]:.3g} off, "
-            "relative, from that of its own errors at a noise of "
+            "relative, from the covariance of its own errors at a noise of "
             f"{SPREAD_NOISE:g}; {hint}"
         )
         raise PluginError(msg)
@@ -255,7 +249,7 @@ def what_fits(
         classes = "(and no class of attitudes)"
     if fitting:
         wrong = int(np.argmin(fits[best]))
-        off = float(attitude_error(exact.truth[wrong], exact.attitudes(best)[wrong]))
+        off = attitude_error(exact.truth[wrong], exact.attitudes(best)[wrong])
         turn = np.degrees(np.linalg.norm(rotation_vector(exact.truth[wrong])))
         declared = f"with {best.spelled()} " * bool(best.spelled(estimator))
         yield (
@@ -278,7 +272,7 @@ def nearly_right(estimator: Estimator, exact: Exact) -> str:
     for side in () if estimator.reference else ("body", "reference"):
         error = rotation_error(q, truth, side)
         mean = error.mean(axis=0)
-        angle = float(np.linalg.norm(mean))
+        angle = np.linalg.norm(mean)
         if np.all(np.linalg.norm(error - mean, axis=1) <= ALIKE * angle):
             axis = ", ".join(f"{x:.3f}" for x in mean / angle)
             return (
@@ -286,7 +280,7 @@ def nearly_right(estimator: Estimator, exact: Exact) -> str:
                 f"{angle:.3g} rad about the axis ({axis}) of the {side}"
             )
     off = attitude_error(truth, q) * (TOLERANCE / allowed(exact.vectors))
-    if not float(off.max()) <= NEAR:
+    if not off.max() <= NEAR:
         return ""
     vectors = exact.vectors, [moved(v) for v in exact.vectors]
     return imprecision(*(raw_attitudes(estimator, v, exact.noise) for v in vectors))
@@ -375,8 +369,8 @@ def probe_estimator(
     ):
         words = ", ".join(f"`{word}`" for word in estimator.reads)
         msg = (
-            f"{estimator.name} reads {words} and ignores it: its answers are the same "
-            "whatever it is told; use it, or leave it out of `reads`"
+            f"{estimator.name} reads {words} and ignores it: its answers do not "
+            "depend on it; use it, or leave it out of `reads`"
         )
         raise PluginError(msg)
     if estimator.covariance is not None:
@@ -422,20 +416,20 @@ def _require_rows_alone(
     for row in rows:
         own = exact.rows(slice(row, row + 1))
         alone, spread = own.attitudes(estimator), own.covariances(estimator)
-        off = float(attitude_error(alone, q[row : row + 1]).max())
-        apart = float(np.linalg.norm(spread[0] - claimed[row]))
-        most = float(allowed(own.vectors)[0])
+        off = attitude_error(alone, q[row : row + 1]).max()
+        apart = np.linalg.norm(spread[0] - claimed[row])
+        most = allowed(own.vectors)[0]
         if not (off <= most and apart <= most * np.linalg.norm(spread[0])):
             msg = (
-                f"{estimator.name}: row {row} of a batch of {len(q)} is not what it is "
-                f"when alone: {off:.3g} rad from it, its covariance {apart:.3g} rad²; "
-                "each row must be an estimate by itself"
+                f"{estimator.name}: row {row} of a batch of {len(q)} differs from "
+                f"the same row alone, by {off:.3g} rad and its covariance by "
+                f"{apart:.3g} rad²; each row must be an estimate by itself"
             )
             raise PluginError(msg)
 
 
 def depends_on_noise(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]], *, covariance: bool
+    estimator: Estimator, vectors: Vectors, *, covariance: bool
 ) -> bool:
     """True if its attitudes, or its covariances too, depend on the stated noise.
 

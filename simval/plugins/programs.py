@@ -1,11 +1,11 @@
 r"""Algorithms in any language: programs that receive data and answer with text.
 
 What a program is given and prints, placeholder by placeholder, is on the page of
-plug-ins (docs/plugins.md). A command is read where it is given, so that a misspelt one
-is refused before anything is computed; no shell is involved. A calibrator or an
-estimator gets all of its trials before it starts, may print its answers when it likes
-and in any order, and prints into files: so neither a buffer that is not flushed nor a
-pipe that fills can block, and an answer that is missing, given twice or put in
+programs (docs/plugins/command.md). A command is read where it is given, so that a
+misspelt one is refused before anything is computed; no shell is involved. A calibrator
+or an estimator gets all of its trials before it starts, may print its answers when it
+likes and in any order, and prints into files: so neither a buffer that is not flushed
+nor a pipe that fills can block, and an answer that is missing, given twice or put in
 another's place is seen. Filters are in `filter_programs`.
 
 A study's poses are means whose noise is known, and a log must be what a sensor would
@@ -66,7 +66,7 @@ def json_object(who: str, printed: bytes) -> dict[str, Any]:
         answer = json.loads(printed, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         head = printed[:80].decode(errors="replace")
-        msg = f"{who} did not print one JSON object ({error}): {head!r}"
+        msg = f"{who} did not print a JSON object ({error}): {head!r}"
         raise PluginError(msg) from None
     if not isinstance(answer, dict):
         msg = f"{who} printed {type(answer).__name__}; print one JSON object"
@@ -321,7 +321,7 @@ def log_of(poses: Float[Array, "n 3"], noise_std: float) -> Float[Array, "m 4"]:
     seed = np.ascontiguousarray(poses, dtype=np.float32).view(np.uint32)
     rng = np.random.default_rng(seed.ravel())
     rest, move = round(REST * RATE), round(MOVE * RATE)
-    sigma = max(noise_std * np.sqrt(rest), QUIET * float(np.abs(poses).max()))
+    sigma = max(noise_std * np.sqrt(rest), QUIET * np.abs(poses).max())
     s = np.linspace(0.0, 1.0, move)[:, None]
     rows = []
     for pose, following in zip(poses, [*poses[1:], poses[-1]], strict=True):
@@ -347,7 +347,7 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
     Parameters
     ----------
     words : str
-        The program and its words, with the placeholders of docs/plugins.md.
+        The program and its words, with the placeholders of docs/plugins/command.md.
     **declared
         Other declarations of `Calibrator`, as its ``form``.
 

@@ -59,7 +59,7 @@ def _require(field: str, value: Any, kind: Any, known: tuple[str, ...]) -> None:
         if value is None:
             return
         (kind,) = (each for each in get_args(kind) if each is not NoneType)
-    allowed: tuple[Any, ...] = get_args(kind) if get_origin(kind) is Literal else ()
+    allowed = get_args(kind) if get_origin(kind) is Literal else ()
     allowed = (True, False) if kind is bool else allowed
     # of the very type: 2 == 2.0, 1 == True, and an array is equal to nothing at all
     fits = [type(value) is type(word) and value == word for word in allowed]
@@ -331,8 +331,9 @@ def _check_frame(estimator: Estimator) -> None:
     dip = estimator.dip
     if estimator.reference is None and (estimator.vertical != "up" or dip is not None):
         msg = (
-            f"`vertical` is {estimator.vertical!r} and `dip` is {dip!r}; they say what "
-            "the vectors of a fixed frame are, so declare its `reference` as well"
+            f"`vertical` is {estimator.vertical!r} and `dip` is {dip!r}; both "
+            "describe the vectors of a fixed frame, so declare its `reference` "
+            "as well"
         )
         raise PluginError(msg)
     number = isinstance(dip, int | float) and not isinstance(dip, bool)

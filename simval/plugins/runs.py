@@ -33,9 +33,8 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import PluginError
 from simval.geometry import (
     attitude_error,
@@ -75,7 +74,7 @@ def written(filter: Filter, q: Float[Array, "... 4"], world: str) -> Array:
     own = compose(conjugate(QUATERNIONS[world]), normalize(q))
     if filter.components == "matrix":
         A = attitude_matrix(own)
-        return A if filter.matrix == "active" else np.swapaxes(A, -1, -2).copy()
+        return A if filter.matrix == "active" else A.mT.copy()
     if filter.matrix == "active":
         own = conjugate(own)
     return np.roll(own, 1, axis=-1) if filter.components == "sxyz" else own
@@ -99,11 +98,9 @@ def on_body_side(
     if filter.side == "reference":
         turn = np.broadcast_to(np.eye(covariance.shape[-1]), covariance.shape).copy()
         turn[:, :3, :3] = attitude_matrix(own)
-        turned = turn @ covariance @ turn.swapaxes(1, 2)
-    return (turned + turned.swapaxes(1, 2)) / 2.0
+        turned = turn @ covariance @ turn.mT
+    return (turned + turned.mT) / 2.0
 
-
-Places = NDArray[np.intp]
 
 FEWER = 3
 """Of the trials every third is asked in a batch of its own size."""
@@ -131,9 +128,9 @@ def require_no_memory(
     distinct = len(np.unique(first[:, np.isfinite(allowed).all(axis=0)], axis=0))
     if distinct < DISTINCT * len(first):
         msg = (
-            f"{name} gives {distinct} different answers to {len(first)} trials of "
-            "different noise: each must be estimated from its own readings, and be "
-            "neither a constant nor kept from one call to the next"
+            f"{name} gives {distinct} different answers to {len(first)} trials "
+            "with different noise: estimate each from its own readings, and "
+            "keep nothing from one call to the next"
         )
         raise PluginError(msg)
     rng = np.random.default_rng(20_275)
@@ -143,9 +140,10 @@ def require_no_memory(
         if not np.all(apart <= 1.0):
             count = int(np.sum(~np.all(apart <= 1.0, axis=1)))
             msg = (
-                f"{name} answers {count} of {len(places)} trials otherwise when they "
-                "are asked again in another order: keep nothing from one call to the "
-                "next, and in a batch let no row depend on its place or on the others"
+                f"{name} answers {count} of {len(places)} trials differently when "
+                "they are asked again in another order: keep nothing from one call "
+                "to the next, and in a batch let no row depend on its place or on "
+                "the others"
             )
             raise PluginError(msg)
 
@@ -175,7 +173,7 @@ class Run:
     """Answers of one run at the kept rows, in the filter's own conventions."""
 
     words: dict[str, Float[Array, "k ..."]]
-    rows: NDArray[np.intp]  # (s,), of each stretch
+    rows: Places  # (s,), of each stretch
     seconds: Float[Array, " s"]  # of each stretch
 
 
@@ -222,8 +220,9 @@ def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
     update = getattr(found, "update", found)
     if not callable(update):
         msg = (
-            f"`make` of {filter.name} returned {type(found).__name__}, which cannot be "
-            "stepped; it must return an object with `update`, or that function itself"
+            f"`make` of {filter.name} returned {type(found).__name__}, which "
+            "has no `update`; return an object with `update`, or that function "
+            "itself"
         )
         raise PluginError(msg)
     close = getattr(found, "close", None)
@@ -238,7 +237,7 @@ def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
         called(f"`close` of {filter.name}", close)
 
 
-def run_of(filter: Filter, readings: Readings, keep: NDArray[np.intp]) -> Run:
+def run_of(filter: Filter, readings: Readings, keep: Places) -> Run:
     """Make a filter anew and step it through all rows, as `stepped`."""
     with making(filter, readings) as update:
         return stepped(filter, update, readings, keep)
@@ -255,7 +254,7 @@ def stepped(
     filter: Filter,
     update: Callable[..., Any],
     readings: Readings,
-    keep: NDArray[np.intp],
+    keep: Places,
 ) -> Run:
     """Step a filter through all rows, and keep some answers.
 
@@ -317,7 +316,7 @@ def stepped(
     )
 
 
-def stretches(rows: int) -> NDArray[np.intp]:
+def stretches(rows: int) -> Places:
     """Rows at which stretches begin, and the end."""
     length = min(max(-(-rows // STRETCHES), LEAST_ROWS), MOST_ROWS)
     return np.linspace(0, rows, max(rows // length, 1) + 1).astype(np.intp)
@@ -338,8 +337,8 @@ def _require_unchanged(
         if not same.all():
             row = rows.start + int(np.argmin(same))
             msg = (
-                f"{filter.name} changes its input: the {name}'s reading is another "
-                f"after the step {place(readings, row)}; work on a copy"
+                f"{filter.name} changes its input: the reading of the {name} is "
+                f"different after the step {place(readings, row)}; work on a copy"
             )
             raise PluginError(msg)
 
@@ -355,7 +354,7 @@ ALONE: Final = 1e-9
 
 
 def require_the_same_again(
-    filter: Filter, readings: Readings, rows: NDArray[np.intp], before: Run
+    filter: Filter, readings: Readings, rows: Places, before: Run
 ) -> None:
     """Require that a fresh filter answers the same readings with the same bits.
 
@@ -388,9 +387,9 @@ def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> No
     if not off.max() <= ALONE:
         row = int(off.argmax())
         msg = (
-            f"{filter.name}: the first of {batch.lead[0]} trials is not what it is "
-            f"alone, by {off[row]:.3g} rad {place(batch, row)}; the trials of a batch "
-            "must not depend on each other"
+            f"{filter.name}: the first of {batch.lead[0]} trials differs from "
+            f"the same trial alone, by {off[row]:.3g} rad {place(batch, row)}; "
+            "the trials of a batch must not depend on each other"
         )
         raise PluginError(msg)
 
@@ -418,11 +417,11 @@ def _difference(filter: Filter, before: Run, now: Run) -> tuple[int, str] | None
         same = np.equal(values, other).reshape(len(values), -1).all(axis=1)
         if same.all():
             continue
-        apart = f"{float(np.abs(values - other).max()):.2g}"
+        apart = f"{np.abs(values - other).max():.2g}"
         if word == "attitude":
             own = tail(filter.components)
             q = [own_quaternions(filter, a.reshape(-1, *own)) for a in (values, other)]
-            apart = f"{float(attitude_error(*q).max()):.2g} rad"
+            apart = f"{attitude_error(*q).max():.2g} rad"
         found.append((int(np.argmin(same)), f"`{word}` by up to {apart}"))
     return min(found, default=None)
 
@@ -433,7 +432,7 @@ PARTS: Final = 8
 
 @where_it_lives
 def run_filter(
-    filter: Filter, given: FilterInput, keep: NDArray[np.intp], world: str
+    filter: Filter, given: FilterInput, keep: Places, world: str
 ) -> FilterOutput:
     """Run a filter over the readings of some trials.
 

@@ -8,7 +8,7 @@ It returns the readings of an IMU and the poses of its body by their names: ``ti
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -64,7 +64,7 @@ def run(file: str, rate: float, seconds: float, seed: int) -> dict[str, Array]:
     if not callable(simulate):
         msg = f"{file} has no function simulate(request)"
         raise UnusablePluginError(msg)
-    found: Any = simulate(Request(rate, seconds, seed))
+    found = simulate(Request(rate, seconds, seed))
     if not isinstance(found, Mapping):
         found = {k: getattr(found, k) for k in GIVEN if hasattr(found, k)}
     missing = [name for name in NEEDED if name not in found]

@@ -204,7 +204,7 @@ class Trial:
         q, inverse = (to_scene(each[half:], world) for each in (own, conjugate(own)))
         truth = here.truth[half:]
         heading, _ = heading_and_inclination(q, truth)
-        off = float(np.angle(np.exp(1j * heading).mean()))
+        off = np.angle(np.exp(1j * heading).mean())
         back = np.array([0.0, 0.0, -np.sin(off / 2.0), np.cos(off / 2.0)])
         turned = compose(np.broadcast_to(back, q.shape), q)
         if np.max(attitude_error(turned, truth)) <= LIKE * abs(off):
@@ -222,7 +222,7 @@ class Trial:
         left = {}
         for k in range(-most, most + 1):
             true = here.truth[half - k : len(own) - k]
-            left[k] = float(np.max(attitude_error(true, q[: len(true)])))
+            left[k] = np.max(attitude_error(true, q[: len(true)]))
         k = min(left, key=lambda each: left[each])
         if k == 0 or left[k] > LIKE * left[0]:
             return ""
@@ -285,21 +285,19 @@ def require_signs(filter: Filter, told: Told, world: str, rate: float) -> None:
         return
     run = run_of(filter, readings, np.array([len(given.dt) - 1]))
     last = {w: v[:, 0] if filter.batch else v for w, v in run.words.items()}
-    if "bias" in last and float((found := last["bias"][0]) @ bias) < -CLEAR * float(
-        bias @ bias
-    ):
+    if "bias" in last and ((found := last["bias"][0]) @ bias) < -CLEAR * (bias @ bias):
         msg = (
-            f"{filter.name} answers with the `bias` {_numbers(found)} rad/s where it "
-            f"is {_numbers(bias)}: return what the gyroscope reads at rest, so that "
-            "the rate is the reading less the bias"
+            f"{filter.name} answers with the `bias` {_numbers(found)} rad/s "
+            f"where it is {_numbers(bias)}: return what the gyroscope reads at "
+            "rest, so that the rate is the reading minus the bias"
         )
         raise PluginError(msg)
     if not larger:
         return
     own = own_quaternions(filter, last["attitude"])
     P = on_body_side(filter, last["covariance"], own)[0]
-    size = float(np.sqrt(np.trace(P[:3, :3]) * np.trace(P[3:6, 3:6])))
-    if float(np.trace(P[:3, 3:6])) > CLEAR * size:
+    size = np.sqrt(np.trace(P[:3, :3]) * np.trace(P[3:6, 3:6]))
+    if np.trace(P[:3, 3:6]) > CLEAR * size:
         msg = (
             f"{filter.name} answers with a `covariance` in which attitude and bias are "
             "of opposite signs: both errors are estimate minus truth, the attitude's "
@@ -378,9 +376,9 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
     world = min(stay, key=(filter.world, *PREFERRED).index)
     if filter.world is None and len(stay) > 1 and not any_north:
         msg = (
-            f"{filter.name} stays where it is started in the worlds "
-            f"{' and '.join(map(str, stay))} alike, so its own cannot be found: "
-            "declare its `world`"
+            f"{filter.name} stays where it starts, in the worlds "
+            f"{' and '.join(map(str, stay))} alike, so its world cannot be "
+            "found: declare its `world`"
         )
         raise PluginError(msg)
     alike = tuple(name for name in PREFERRED if name in stay and name != world)

@@ -7,7 +7,7 @@ algorithms is then the same whichever is named first, and no setting that is har
 all of them stands for the rest.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,21 +32,27 @@ from simval.judge.algorithms import (
 )
 from simval.plugins.loading import BESIDE, BUILTIN
 from simval.ranking import Ranking, ranked
-from simval.report.answers import Line, closest, number_of
+from simval.report.answers import Line, Number, closest, number_of, number_of_row
 from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
-from simval.report.formatting import LEAST_DEGREES, angle, begun, setting_words, spelled
+from simval.report.formatting import (
+    angle,
+    angle_unit,
+    begun,
+    setting_words,
+    spelled,
+)
 from simval.report.gallery import drawn as drawn_figure
 from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import numbers
 from simval.report.table import Column, Kind, Table, tabulated
 from simval.results import CellName
-from simval.spelling import measured, rounded
+from simval.spelling import rounded
 from simval.studies.filter import REFERENCE
 from simval.sweep import Run
 from simval.sweep.run import CellResult
-from simval.units import DEGREE, MILLIRADIAN, PPM, Unit, of_row
+from simval.units import MILLIRADIAN, OF_A_CALIBRATION, PPM, Unit, of_row
 from simval.verdict import ENDINGS, WORST_FIRST, Verdict
 
 # ---- contest
@@ -146,7 +152,6 @@ MAX_SETTINGS = 4
 SPACE = "\N{NO-BREAK SPACE}"
 """Keeps the words of a field in one line."""
 MAX_CELLS = 60
-DEGREES = Unit("degrees", DEGREE.factor)
 
 Times = Mapping[str, Mapping[str, float]]
 """What was timed, by the name of the cell."""
@@ -246,7 +251,7 @@ def by_cell(contest: Contest) -> Table:
     if whole is not None:  # in the unit that a person reads
         unit = of_row(whole.unit)
         if whole.unit == "rad":
-            unit = MILLIRADIAN if whole.value < LEAST_DEGREES else DEGREES
+            unit = angle_unit(whole.value)
         sizes = {
             _in_unit("RMS error", whole.unit, unit, "measured"): lambda c: _whole(c)[0],
             _in_unit("bound", whole.unit, unit, "number"): lambda c: _whole(c)[1],
@@ -458,11 +463,12 @@ def _line_of_best(contest: Contest) -> Line:
     if value is None:
         said = "Not measured."
         return Line(what=what, said=said, link="algorithms", answer="inconclusive")
+    number = number_of(f"{what}, best error", *value, BOUND)
     return Line(
         what=what,
         said=f"{found[0]}, {_place(found, contest)}.",
-        number=number_of(f"{what}, best error", *value, BOUND),
-        where=_over(count),
+        number=number,
+        keys=[(number, f"{what}: {_over(contest, count)}")],
         link="algorithms",
     )
 
@@ -478,13 +484,17 @@ def _line(context: Context, contest: Contest, name: str) -> Line:
     cells = contest.of(name)
     ended, names = answer_of(cells, context.verdicts), {cell.named for cell in cells}
     share, checks = closest([v for v in context.verdicts if v.cell in names])
+    why = next((cell.reason for cell in cells if cell.ending == ended), "")
     line = Line(
         what=called(contest.algorithms)[name],
-        said=f"No result{'' if ended in WORST_FIRST else f': {ended}'}.",
+        said=": ".join(filter(None, ("No result", why.partition(";")[0]))) + ".",
         link="algorithms",
-        answer=next((word for word in WORST_FIRST if word == ended), "fail"),
+        answer=next(
+            (word for word in WORST_FIRST if word == ended),
+            "fail" if ended == "crashed" else "inconclusive",
+        ),
         share=share,
-        checks=checks,
+        checks=checks if any(cell.rows for cell in cells) else "",
     )
     value, settings = contest.mean(name)
     if value is None:
@@ -494,7 +504,7 @@ def _line(context: Context, contest: Contest, name: str) -> Line:
     if other is not None:
         # over the settings of both, so that like is set beside like
         value = contest.mean(name, contest.accuracy[beside])[0] or value
-        against = f"{beside} {measured(*other)}"
+        against = f"{beside} {number_of('', *other).said}"
     rows = [row for cell in contest.of(name) if (row := size_row(cell)) is not None]
     size = ""
     if rows:
@@ -505,12 +515,45 @@ def _line(context: Context, contest: Contest, name: str) -> Line:
     failing = fails_at(contest.failures[name])
     fails = f"fails at {failing}" if failing not in ("", "nowhere") else ""
     said = "; ".join(filter(None, (size, against, fails)))
+    number = number_of(f"{line.what}, error", *value, BOUND, against)
+    failed = {v.cell for v in context.verdicts if v.answer == "fail"}
+    shown = [s for s in contest.settings if (name, s) in contest.cells]
+    place, cell = max(
+        ((s, c) for s in shown for c in contest.cells[name, s] if c.rows),
+        key=lambda each: each[1].named in failed,
+    )
     return replace(
         line,
         said=f"{begun(said)}.",
-        number=number_of(f"{line.what}, error", *value, BOUND, against),
-        where=_over(count or len(settings)),
+        number=number,
+        keys=[
+            (number, f"{line.what}: {_over(contest, count or len(settings))}"),
+            *((n, f"{line.what}: {place}") for n in _numbers(line.what, cell)),
+        ],
     )
+
+
+SAID = (stat.NEES, stat.NIS, stat.SQUARED_ERROR, stat.RMS, stat.SETTLING)
+"""What the first screen has of an algorithm beside the size of its error, in order."""
+
+
+def _numbers(who: str, cell: CellResult) -> Iterator[Number]:
+    """How great the errors of a cell are, and whether they are as stated."""
+    whole = size_row(cell)
+    groups = {k: row for k in OF_A_CALIBRATION if (row := group_rms(cell, k))}
+    for kind, row in groups.items():
+        letter = kind.replace("S", "T")
+        unit = OF_A_CALIBRATION[kind]
+        yield number_of_row(f"{who}, RMS error of {letter}", row, unit)
+    rows = [] if groups or whole is None else [whole]
+    rows += [row for family in SAID for row in of_family(cell, family)]
+    for row in dict.fromkeys(rows):
+        words = row.statistic.family.words, *row.statistic.entries
+        yield number_of_row(", ".join((who, *words)), row)
+    if shares := failures(cell):
+        most = max(share.value for share in shares.values())
+        label = f"{who}, worst share of exact cases that fail"
+        yield number_of(label, 100.0 * most, 0.0, "%", fails_at(shares))
 
 
 def best(
@@ -532,7 +575,9 @@ def best(
     return tied, whole[tied[0]], most
 
 
-def _over(count: int) -> str:
+def _over(contest: Contest, count: int) -> str:
+    if len(contest.settings) == 1:
+        return contest.settings[0]
     return f"geometric mean over {count} settings" if count > 1 else "one setting"
 
 

@@ -17,11 +17,13 @@ from simval.judge.causes import off
 from simval.judge.findings import WORDS, rounded_up
 from simval.judge.result_lines import changed_words, runs_account
 from simval.judge.steps import Move, moved
-from simval.report.formatting import begun
+from simval.report.formatting import angle_unit, begun
 from simval.report.section import Against, Context
 from simval.results import Row
 from simval.spelling import counted, measured, rounded, whole
+from simval.statistics import CRAMER_RAO
 from simval.sweep import Run
+from simval.units import Unit, of_row
 from simval.verdict import Answer, Verdict, shares, worst
 
 # ---- numbers and lines
@@ -70,6 +72,27 @@ def number_of(
     return Number(label, value_words, error_words, unit, beside)
 
 
+def number_of_row(label: str, row: Row, unit: Unit | None = None) -> Number:
+    """A row in the unit that a person reads, and what its value is relative to."""
+    if unit is None:
+        unit = angle_unit(row.shown) if row.unit == "rad" else of_row(row.unit)
+    value, error = (unit.factor * x for x in (row.shown, row.standard_error))
+    return number_of(label, value, error, unit.name, relative(row, unit.factor))
+
+
+def relative(row: Row, factor: float = 1.0) -> str:
+    """What a value is of its prediction; of a plain number, what was predicted."""
+    predicted, error = row.prediction, row.standard_error
+    if predicted is None or row.check == "limit":
+        return ""
+    bound = row.predictor == CRAMER_RAO
+    plain = row.unit == "1" and factor == 1.0 and not bound
+    if plain or not (predicted > 0.0 and error > 0.0):
+        return f"{rounded(factor * predicted, 3)} predicted"
+    of = "the bound" if bound else "theory"
+    return f"{measured(row.value / predicted, error / predicted)} × {of}"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
     """What one study answers."""
@@ -77,7 +100,8 @@ class Line:
     what: str  # the study; the link, if there is one, is on it
     said: str  # its answer in one sentence
     number: Number | None = None
-    where: str = ""  # in which cell it was measured
+    # numbers for the first screen, each with where it was measured
+    keys: Sequence[tuple[Number, str]] = ()
     link: str = ""  # anchor of the section that shows it
     answer: Answer = "pass"  # of its checks
     share: float | None = None  # of its closest check; None where none is of chance

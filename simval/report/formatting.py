@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from simval.spelling import rounded
 from simval.statistics import ORDER_2, ORDER_4, ORDER_4_SOURCE, Statistic
-from simval.units import DEGREE, MILLIRADIAN
+from simval.units import DEGREE, MILLIRADIAN, Unit
 
 # ---- numbers
 
@@ -20,9 +20,14 @@ LEAST_DEGREES = 2e-3
 """Angles below this, rad, are told in milliradians: a tenth of a degree."""
 
 
+def angle_unit(value: float) -> Unit:
+    """Unit of an angle: the degree, of a small one the milliradian."""
+    return DEGREE if value >= LEAST_DEGREES else MILLIRADIAN
+
+
 def angle(value: float) -> str:
     """An angle in degrees, a small one in milliradians."""
-    unit = DEGREE if value >= LEAST_DEGREES else MILLIRADIAN
+    unit = angle_unit(value)
     gap = "" if unit is DEGREE else " "
     return f"{rounded(value * unit.factor, 3)}{gap}{unit.name}"
 

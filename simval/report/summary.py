@@ -24,37 +24,35 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import Figure, Headline, Quote
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
-from simval.judge.algorithms import algorithm_of
 from simval.judge.gate import outcome
 from simval.judge.result_lines import gate_account
 from simval.judge.runs import origin_of
-from simval.report.algorithms import has_user_code, lines_of_algorithms, own
+from simval.report.algorithms import has_user_code, lines_of_algorithms
 from simval.report.answers import (
     Number,
     changes,
     in_order,
     number_of,
+    number_of_row,
+    relative,
 )
 from simval.report.checks import FIRST, failing_figures
 from simval.report.comparison import moves_table
 from simval.report.curves import PREFERRED, numeric, spans, varying
 from simval.report.failing import FAILING, failing_table, reason
-from simval.report.formatting import LEAST_DEGREES, begun, setting_words, spelled
+from simval.report.formatting import angle_unit, begun, setting_words, spelled
 from simval.report.gallery import drawn
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import shown_of
 from simval.results import Row
-from simval.spelling import counted, measured, rounded, whole
+from simval.spelling import counted, rounded, whole
 from simval.statistics import (
     APART,
     COVARIANCE_ORDER,
     COVERAGE,
-    CRAMER_RAO,
     LEADING_ERROR_RATIO,
     LIMIT_RATIO,
-    NEES,
-    NIS,
     REST_FORCE,
     RMS,
     RMS_OVER_BOUND,
@@ -66,8 +64,7 @@ from simval.statistics import (
 )
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
-from simval.text import one_line
-from simval.units import DEGREE, MILLIRADIAN
+from simval.units import COUNT
 
 # ---- what a cell says
 
@@ -108,7 +105,7 @@ def of_headline(headline: Headline, cell: CellResult) -> Reading | None:
 
 def _quoted(name: str, quote: Quote, study: str, row: Row) -> Number | None:
     """The number of a headline; None without one."""
-    over, predicted = name == "over", row.prediction or 0.0
+    over, predicted = name == "over", row.prediction
     value, error = quote.times * row.value, quote.times * row.standard_error
     if quote.over:
         value, error = (x / predicted if predicted else np.nan for x in (value, error))
@@ -116,18 +113,13 @@ def _quoted(name: str, quote: Quote, study: str, row: Row) -> Number | None:
         return None
     if quote.root:
         value, error = float(np.sqrt(value)), error / 2.0 / float(np.sqrt(value))
-    label, beside = begun(spelled(study)), ""
-    if not over and predicted > 0.0 and row.standard_error > 0.0:
-        words = "the bound" if row.predictor == CRAMER_RAO else "theory"
-        ratio = measured(row.value / predicted, row.standard_error / predicted)
-        beside = f"{ratio} × {words}"
-    of = quote.unit
-    if quote.angle:
-        of = DEGREE if value >= LEAST_DEGREES else MILLIRADIAN
-    label += {"over": ", error", "angle": ""}.get(name, f" {name}")
-    if of is None:
-        return number_of(label, value, error, beside=beside)
-    return number_of(label, of.factor * value, of.factor * error, of.name, beside)
+    label = begun(spelled(study)) + {"over": ", error", "angle": ""}.get(
+        name, f" {name}"
+    )
+    unit = angle_unit(value) if quote.angle else quote.unit or COUNT
+    beside = "" if over else relative(row, quote.times * unit.factor)
+    value, error = unit.factor * value, unit.factor * error
+    return number_of(label, value, error, unit.name, beside)
 
 
 ANY = (
@@ -149,31 +141,35 @@ ANY = (
 
 def any_reading(cell: CellResult) -> Reading | None:
     """Reading of a cell whose study has no headline."""
-    row = headline_row(cell)
-    if row is None:
+    rows = headline_rows(cell)[:MOST]
+    if not rows:
         return None
-    unit = "" if row.unit == "1" else row.unit
-    who = f" ({', '.join(row.statistic.entries)})" if row.statistic.entries else ""
-    what, beside = f"{row.statistic.family.words}{who}", ""
-    if row.prediction is not None and row.check != "limit":
-        beside = f"{rounded(row.prediction, 3)} predicted"
-    number = number_of(
-        f"{begun(spelled(cell.study))}, {what}",
-        row.shown, row.standard_error, unit, beside,
-    )  # fmt: skip
-    said = "; ".join(filter(None, (f"{what} {number.said}", beside)))
-    return Reading(said, [number], number, _distance(row), row.n)
+    study, what = begun(spelled(cell.study)), [row_words(row) for row in rows]
+    numbers = [
+        number_of_row(f"{study}, {words}", row)
+        for words, row in zip(what, rows, strict=True)
+    ]
+    first = numbers[0]
+    said = "; ".join(filter(None, (f"{what[0]} {first.said}", first.beside)))
+    return Reading(said, numbers, first, _distance(rows[0]), rows[0].n)
 
 
-def headline_row(cell: CellResult) -> Row | None:
-    """The statistic that says most, its entry farthest from what was predicted."""
+def row_words(row: Row) -> str:
+    """What a row is of, in words."""
+    entries = row.statistic.entries
+    return row.statistic.family.words + (f" ({', '.join(entries)})" if entries else "")
+
+
+def headline_rows(cell: CellResult) -> list[Row]:
+    """Rows, those that say most first: of each statistic the one farthest off."""
     finite = [row for row in cell.rows if np.isfinite(row.value)]
-    for family in (*ANY, *dict.fromkeys(row.statistic.family for row in finite)):
+    found = []
+    for family in dict.fromkeys((*ANY, *(row.statistic.family for row in finite))):
         rows = [row for row in finite if row.statistic.family == family]
         judged = [row for row in rows if row.check != "record"]
         if rows:
-            return max(judged or rows, key=_distance)
-    return None
+            found.append(max(judged or rows, key=_distance))
+    return [*found, *(row for row in finite if row not in found)]
 
 
 def _distance(row: Row) -> float:
@@ -322,11 +318,10 @@ def question_figure(context: Context) -> Drawing | None:
 
 def _of_any(cells: Sequence[CellResult]) -> Figure | None:
     """The statistic that represents a study."""
-    row = next((row for cell in cells if (row := headline_row(cell))), None)
+    row = next((row for cell in cells for row in headline_rows(cell)), None)
     if row is None:
         return None
-    entries = row.statistic.entries
-    what = row.statistic.family.words + (f" ({', '.join(entries)})" if entries else "")
+    what = row_words(row)
     return Figure(
         name="", rows=[row.statistic], by=row.predictor, value=what,
         caption=f"{what[:1].upper()}{what[1:]}.",
@@ -372,61 +367,22 @@ def key_numbers(
 ) -> tuple[list[Number], list[str]]:
     """Three to five numbers, and the settings in which they were measured."""
     algorithms = lines_of_algorithms(context)
-    numbers = [line.number for line in algorithms if line.number][:MOST]
-    settings = [f"{each.what}: {each.where}" for each in algorithms if each.number]
-    if len(numbers) < OF_FIRST:
-        numbers += _of_own(context)
-    others = {
-        study: each
-        for study, each in told.items()
-        if study not in OF_ALGORITHMS or not algorithms
-    }
-    most = OF_FIRST if len(others) > 1 else MOST
-    for study, (cell, reading) in others.items():
-        if len(numbers) >= MOST:
-            break
-        own_numbers = [*reading.numbers]
-        if reading.ratio not in own_numbers and len(others) == 1:
-            own_numbers.append(reading.ratio)
-        numbers += own_numbers[: min(most, MOST - len(numbers))]
-        place = where(cell, context.cells(study), reading.n)
-        settings.append(f"{begun(spelled(study))}: {place}")
-        most = 1
-    return numbers, settings
-
-
-def _of_own(context: Context) -> list[Number]:
-    """More of a user's algorithm: whether it is as it states, and its error."""
-    failed = {v.cell for v in context.verdicts if v.answer == "fail"}
-    cells = [
-        cell
-        for cell in context.run.cells
-        if cell.study in OF_ALGORITHMS and cell.rows and own(algorithm_of(cell))
-    ]
-    cell = next((c for c in cells if c.named in failed), next(iter(cells), None))
-    if cell is None:
-        return []
-    name = one_line(algorithm_of(cell))
-    numbers = [
-        number_of(
-            ", ".join((name, row.statistic.family.words, *row.statistic.entries)),
-            *(row.value, row.standard_error),
-            beside=f"due {rounded(row.prediction, 3)}",
-        )
-        for family in (NEES, NIS)
-        for row in cell.rows
-        if row.statistic.family == family
-        and not row.statistic.controlled
-        and row.prediction is not None
-    ]
-    headline = STUDIES[cell.study].headline
-    reading = headline and of_headline(headline, cell)
-    study = begun(spelled(cell.study))
-    more = [
-        each._replace(label=f"{name}, error{each.label.removeprefix(study)}")
-        for each in (reading.numbers if reading else ())
-    ]
-    return [*numbers, *more][: MOST - 1]
+    own = [line.keys for line in algorithms if line.keys]
+    pools = [[*keys] for keys in own]
+    for study, (cell, reading) in told.items():
+        if study not in OF_ALGORITHMS or not algorithms:
+            place = where(cell, context.cells(study), reading.n)
+            numbers = dict.fromkeys((*reading.numbers, reading.ratio))
+            setting = f"{begun(spelled(study))}: {place}"
+            pools.append([(number, setting) for number in numbers])
+    if not pools:
+        return [], []
+    first, *rest = pools
+    many = max(1, min(OF_FIRST, MOST + 1 - len(own))) if rest else MOST
+    found = [*first[:many], *(pool[0] for pool in rest)]
+    left = [*first[many:], *(each for pool in rest for each in pool[1:])]
+    found = [*found, *left[: max(0, OF_FIRST - len(found))]][:MOST]
+    return [number for number, _ in found], list(dict.fromkeys(x for _, x in found))
 
 
 # ---- section

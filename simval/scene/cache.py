@@ -105,7 +105,7 @@ def _read(path: Path, plan: Plan) -> Trajectory | None:
     try:
         # all of it at once: NumPy leaves the file of a damaged archive open
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            values: dict[str, Any] = {name: file[name] for name in file.files}
+            values = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None  # absent or cut short: simulate again
     if set(values) != set(_KEPT):

@@ -11,9 +11,8 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.geometry import normalize
 from simval.scene.draw import AXES, FORCE, Frame, Pixels
 from simval.shapes import Float
@@ -37,7 +36,7 @@ class Directions:
     """Directions of the specific force in sensor axes."""
 
     rests: Float[Array, "m 3"]  # unit, of each rest, in order
-    visited: NDArray[np.bool_]  # rests that have begun
+    visited: Mask  # rests that have begun
     now: Float[Array, "3"]  # of this instant, in g; of any length
 
 
@@ -83,7 +82,7 @@ def _line(
 def _dots(
     draw: Any,
     directions: Directions,
-    which: NDArray[np.bool_],
+    which: Mask,
     colour: str,
     scale: float,
 ) -> None:
@@ -174,7 +173,7 @@ class _Board:
         """Name the scene, the time and the arrows on a card."""
         felt = f"specific force {np.linalg.norm(caption.force):.2f} m/s"
         axes = [*zip("xyz", AXES, strict=True), ("axes of the sensor", INK)]
-        lines: list[tuple[float, Words]] = [
+        lines = [
             (LARGE, [(f"{caption.title}, t = {caption.time:.2f} s", INK)]),
             (SMALL, axes),
             (SMALL, [("f", FORCE), (felt, INK)]),
@@ -221,8 +220,7 @@ class _Board:
 
     def _width(self, words: Words, size: float) -> float:
         font, gap = _font(size * self.scale), GAP * size * self.scale
-        width: float = sum(font.getlength(word) + gap for word, _ in words) - gap
-        return width
+        return sum(font.getlength(word) + gap for word, _ in words) - gap
 
     def _write(self, words: Words, left: float, top: float, size: float) -> float:
         font, gap = _font(size * self.scale), GAP * size * self.scale

@@ -103,10 +103,10 @@ def find_scene(name: str | Scene) -> Scene:
         return listed[name]
     if not file_of(name) and missing(name):
         msg = (
-            f"there is no scene {name!r}{did_you_mean(name, listed)}; choose one of "
-            f"{', '.join(listed)}, or give "
-            "the path of a Python file that holds a Scene, or the name of one that an "
-            "installed package offers"
+            f"there is no scene {name!r}{did_you_mean(name, listed)}; choose "
+            f"one of {', '.join(listed)}, or give the path of a Python file "
+            "with a Scene, or the name of a scene that an installed package "
+            "offers"
         )
         raise InputError(msg)
     return find_plugin(name, Scene)

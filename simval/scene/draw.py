@@ -64,8 +64,7 @@ def make_glass(model: "mujoco.MjModel") -> None:
 
 def _own_colour(model: "mujoco.MjModel", geom: int) -> Float[Array, "4"]:
     material = model.geom_matid[geom]
-    colour: Array = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-    return colour
+    return model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
 
 
 def arrow_tips(

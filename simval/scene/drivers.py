@@ -12,10 +12,15 @@ with zero velocity and acceleration at both ends (Flash and Hogan 1985).
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from simval.arguments import whole_number
-from simval.arrays import Array, finite_array, nonnegative_number, positive_number
+from simval.arrays import (
+    Array,
+    Places,
+    finite_array,
+    nonnegative_number,
+    positive_number,
+)
 from simval.errors import InputError
 from simval.geometry import normalize, random_quaternions
 from simval.poses import fibonacci_sphere
@@ -45,15 +50,15 @@ def require_rows(count: int) -> None:
     """Refuse a run of more than `MOST_ROWS`, which would not fit into memory."""
     if not count <= MOST_ROWS:
         msg = (
-            f"the run would have {count} rows, at most {MOST_ROWS} fit into memory; "
-            "ask for fewer or shorter rests, or for a larger timestep"
+            f"the run would have {count} rows, and at most {MOST_ROWS} fit into "
+            "memory; ask for fewer or shorter rests, or for a larger timestep"
         )
         raise InputError(msg)
 
 
 def visit(
     poses: Float[Array, "k m"], first: int, move: int, settle: int, hold: int
-) -> tuple[Float[Array, "n m"], NDArray[np.intp]]:
+) -> tuple[Float[Array, "n m"], Places]:
     """Targets that visit poses one after the other, and the planned rests."""
     poses = np.asarray(poses)
     require_rows(first + (len(poses) - 1) * (move + settle + hold))
@@ -76,7 +81,7 @@ def pose_directions(poses: object) -> Float[Array, "k 3"]:
         return fibonacci_sphere(whole_number("poses", poses, 1, MOST_POSES))
     given = normalize(finite_array("poses", poses, (None, 3)))
     if given.ndim != 2 or len(given) == 0:
-        msg = f"`poses` has shape {given.shape}; (k, 3) with k of 1 or more"
+        msg = f"`poses` has shape {given.shape}; give (k, 3), with k of 1 or more"
         raise InputError(msg)
     return given
 
@@ -102,7 +107,7 @@ def tour(
     move_time: float,
     settle_time: float,
     hold_time: float,
-) -> tuple[Array, NDArray[np.intp]]:
+) -> tuple[Array, Places]:
     """Gimbal angles of a tour of poses, and its planned rests."""
     return visit(
         gimbal_angles(pose_directions(poses)),
@@ -275,8 +280,7 @@ def tremor(
     phase = rng.uniform(0.0, 2.0 * np.pi, (SINES, 3))
     time = timestep * np.arange(count)[:, None, None]
     waves = np.sin(2.0 * np.pi * frequency * time + phase)
-    mean: Array = amplitude * waves.mean(axis=1)
-    return mean
+    return amplitude * waves.mean(axis=1)
 
 
 def _continuous(quaternion: Float[Array, "n 4"]) -> Float[Array, "n 4"]:

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array, positive_number
+from simval.arrays import Array, Places, finite_array, positive_number
 from simval.errors import InputError
 from simval.files import (
     MOST_MODEL,
@@ -331,10 +331,9 @@ def _batch(
     return batch, out
 
 
-def _columns(model: "mujoco.MjModel", sensor: str) -> NDArray[np.intp]:
+def _columns(model: "mujoco.MjModel", sensor: str) -> Places:
     k = model.sensor(sensor).id
-    columns: NDArray[np.intp] = model.sensor_adr[k] + np.arange(model.sensor_dim[k])
-    return columns
+    return model.sensor_adr[k] + np.arange(model.sensor_dim[k])
 
 
 def _controls(

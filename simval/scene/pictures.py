@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -24,9 +24,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import InputError
 from simval.scene.captions import Caption, Directions, captioned, pillow
 from simval.scene.draw import PLACES, Frame, Pixels
@@ -97,7 +96,7 @@ class _Child:
         while len(parts) < count:
             left = end - time.monotonic()
             if left <= 0.0 or not select.select([output], [], [], left)[0]:
-                msg = f"no answer within {TIMEOUT:g} s"
+                msg = f"it did not answer within {TIMEOUT:g} s"
                 raise _NoFrameError(msg)
             part = os.read(output.fileno(), count - len(parts))
             if not part:
@@ -142,7 +141,7 @@ def require_encoder(ending: str) -> None:
 
 def encoded(frames: Iterator[Pixels], ending: str) -> bytes:
     """Encode the first frame as ``.png``, or all as ``.gif`` or ``.mp4``."""
-    encoders: dict[str, Callable[[Iterator[Pixels]], bytes]] = {
+    encoders = {
         ".png": _png,
         ".gif": _gif,
         ".mp4": _mp4,
@@ -315,7 +314,10 @@ def _frames(
     drawn = drawn[(drawn >= 0) & (drawn < count)]
     if len(drawn) == 0:
         end = count * model.opt.timestep
-        msg = f"the time {asked[0]:g} s lies outside the run, 0 s to {end:g} s"
+        msg = (
+            f"the time {asked[0]:g} s is outside the run, which lasts from 0 s "
+            f"to {end:g} s"
+        )
         raise InputError(msg)
     if rollout is None:
         rollout = roll_out(model, [script], positions=True)
@@ -337,7 +339,7 @@ def _captions(
     rows: Float[Array, "n 14"],
     script: Script,
     g: float,
-    drawn: NDArray[np.intp],
+    drawn: Places,
 ) -> Iterator[Caption]:
     begin, rests = _rests(rows, script, g)
     for k in drawn.tolist():
@@ -352,7 +354,7 @@ def _captions(
 
 def _rests(
     rows: Float[Array, "n 14"], script: Script, g: float
-) -> tuple[NDArray[np.intp], Float[Array, "m 3"]]:
+) -> tuple[Places, Float[Array, "m 3"]]:
     """First row of each rest that has settled, and its direction in sensor axes."""
     moving, _, _ = moving_rows(rows, script, g)
     left = set(script.hold[moving].tolist())

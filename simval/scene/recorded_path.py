@@ -69,8 +69,8 @@ def recorded_trajectory(
     if step.max() > 10.0 * np.median(step):
         at = float(time[int(step.argmax())])
         msg = (
-            f"{path}: no pose for {step.max():.3g} s after {at:.3f} s of it; give "
-            "a part without a hole"
+            f"{path}: there is no pose for {step.max():.3g} s after {at:.3f} s; "
+            "give a part without a gap"
         )
         raise InputError(msg)
     usual = 1.0 / float(np.median(step))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, ReadOnly
+from simval.arrays import Array, Mask, Places, ReadOnly
 from simval.errors import InputError, SimulationError, SimvalError
 from simval.geometry import normalize
 from simval.scene.catalogue import find_scene
@@ -79,9 +79,7 @@ def check_run(
             _fail(scene, what, row, expected, "the integration is not stable")
 
 
-def is_regular(
-    clock: Float[Array, " n"], timestep: float
-) -> Bool[NDArray[np.bool_], " n"]:
+def is_regular(clock: Float[Array, " n"], timestep: float) -> Bool[Mask, " n"]:
     """True where the time of a row is the sum of the steps before it."""
     steps = np.arange(len(clock))
     expected = timestep * steps
@@ -113,7 +111,7 @@ def check_reach(
 
 def settled_rests(
     scene: str, rows: Float[Array, "n 14"], script: Script, g: float
-) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+) -> tuple[Places, tuple[int, ...]]:
     """Rests that are at rest within the stated bounds, and the indices of the others.
 
     Raises
@@ -139,7 +137,7 @@ def settled_rests(
 
 def moving_rows(
     rows: Float[Array, "n 14"], script: Script, g: float
-) -> tuple[NDArray[np.bool_], Float[Array, " n"], Float[Array, " n"]]:
+) -> tuple[Mask, Float[Array, " n"], Float[Array, " n"]]:
     """Rows of planned rests beyond the script's bounds, and what was compared."""
     deviation = np.abs(np.linalg.norm(rows[:, :3], axis=1) - g)
     rate = np.linalg.norm(rows[:, 3:6], axis=1)
@@ -274,7 +272,10 @@ def write_script(
         msg = f"the driver of scene {scene.name} returned {kind}, not a Script"
         raise InputError(msg)
     if len(script.hold) < 2:
-        msg = f"scene {scene.name} lasts {len(script.hold)} steps; two at least needed"
+        msg = (
+            f"scene {scene.name} lasts {len(script.hold)} steps; at least two "
+            "are needed"
+        )
         raise InputError(msg)
     require_rows(len(script.hold))
     return script
@@ -391,7 +392,7 @@ def simulate_many(
         If a run fails a check, or one of its rests moves.
     """
     if len(parameter_sets) == 0:
-        msg = "no set of parameters is given; one run at least is needed"
+        msg = "no set of parameters is given; give at least one"
         raise InputError(msg)
     chosen = find_scene(scene)
     physics = load_model(chosen.model, site_offset, timestep, integrator)
@@ -413,7 +414,7 @@ def simulate_many(
             if len(each.script.hold) != len(first.script.hold):
                 msg = (
                     f"run {number} lasts {len(each.script.hold)} rows and the first "
-                    f"{len(first.script.hold)}; all must be of one length"
+                    f"run {len(first.script.hold)}; all must have the same length"
                 )
                 raise InputError(msg)
         rollout = roll_out(physics.model, [each.script for each in plans], threads)

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, Places, frozen
 from simval.plugins.protocol import SCENE, Plugin
 
 
@@ -25,7 +24,7 @@ class Script:
 
     Attributes
     ----------
-    hold : NDArray[np.intp]
+    hold : Places
         Index of the rest that each row is planned to belong to, -1 for none, (n,).
         Its length is the length of the run.
     inputs : Mapping[str, Array]
@@ -43,7 +42,7 @@ class Script:
         left out (a body that may still be rocking).
     """
 
-    hold: NDArray[np.intp]
+    hold: Places
     inputs: Mapping[str, Array] = field(default_factory=dict)
     qpos: Array | None = None
     qvel: Array | None = None

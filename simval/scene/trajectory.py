@@ -213,8 +213,9 @@ def increments(attitude: Float[Array, "n 4"]) -> Float[Array, "n-1 3"]:
     most = float(np.abs(d).max())
     if not most <= _MOST:
         msg = (
-            f"the body turns by {most:.2g} rad in one step; at most {_MOST:g} lets its "
-            "rate be told from its attitudes, so simulate with a shorter timestep"
+            f"the body turns by {most:.2g} rad in one step; its rate can be "
+            f"found from its attitudes up to {_MOST:g} rad, so simulate with a "
+            "shorter timestep"
         )
         raise InputError(msg)
     S = d

@@ -161,7 +161,7 @@ def bring(files: Iterable[str | Path]) -> None:
     for file in map(Path, files):
         name, own = file.stem, Path(__file__).parent
         if not (file.suffix == ".py" and file.is_file()):
-            msg = f"study {file} is no Python file; give the path of its module"
+            msg = f"study {file} is not a Python file; give the path of its module"
             raise InputError(msg)
         why = "" if name.isidentifier() else "no name of a module"
         if (own / file.name).exists():

@@ -142,7 +142,7 @@ def noise_shapes(
         return tangent_covariances(true_vectors(*truth)[1], 1.0)
     streams = (np.random.default_rng([int(k), 1]) for k in np.ravel(numbers))
     factor = np.stack([rng.standard_normal((4, 3, 3)) for rng in streams])
-    full = factor @ factor.swapaxes(-1, -2)
+    full = factor @ factor.mT
     size = np.linalg.eigvalsh(full)[..., -1:, None]
     full /= size if each else size.max(axis=1, keepdims=True)
     return full.reshape(*np.shape(numbers), 4, 3, 3)
@@ -185,7 +185,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
     # rank 3: the quaternion has unit length, and the fourth direction is rounding
     weight = np.linalg.pinv(predictions[stat.ORDER_2].covariance, rcond=1e-8)
-    expected = float(np.sum(weight * exact.second_moment))
+    expected = np.sum(weight * exact.second_moment)
     return Outcome(
         rows=(
             *unjudged(stat.NORM_OVER_NOISE(), exact.norm / sigma),
@@ -246,7 +246,7 @@ def _rms_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[R
     """Length of the error's RMS and mean: what the report draws over the noise."""
     found = root(*mean_square(sums, np.eye(4)))
     for label, predicted in predictions.items():
-        expected = float(np.sqrt(np.trace(predicted.second_moment)))
+        expected = np.sqrt(np.trace(predicted.second_moment))
         yield from unjudged(stat.RMS(), *found, sums.samples, expected, label)
 
 
@@ -287,16 +287,16 @@ def _size_rows(
         ("covariance", stat.COVARIANCE_ALONG),
     ):
         moment = np.asarray(getattr(exact, part))
-        size = float(np.linalg.norm(moment))
+        size = np.linalg.norm(moment)
         if not size > 0.0:  # nothing to project on
             continue
         found = along(sums, moment / size)
         for label, predicted in predictions.items():
             own = np.asarray(getattr(predicted, part))
-            projected = float(np.sum(moment / size * own))
+            projected = np.sum(moment / size * own)
             yield from unjudged(family(), *found, n, projected, label)
             if label != stat.EXACT:
-                off = float(np.linalg.norm(own - moment)) / size
+                off = np.linalg.norm(own - moment) / size
                 yield from unjudged(stat.LEFT_OUT(part), off, predictor=label)
 
 

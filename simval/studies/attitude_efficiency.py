@@ -36,7 +36,7 @@ from simval.geometry import attitude_error, cross, normalize, random_quaternions
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.comparators import davenport, triad
 from simval.imu.attitude.estimator import Selection
-from simval.results import Outcome, Row, exact, plain, unjudged
+from simval.results import Outcome, Row, Rows, exact, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import Truth, Truths
@@ -178,13 +178,13 @@ def predicted_squares(problems: Truths, parameters: Parameters) -> Float[Array, 
     TRIAD has no prediction here and is compared with the bound.
     """
     noise = noise_covariances(parameters.noise, true_vectors(*problems)[1])
-    bound = np.trace(attitude_bound(*problems, noise).rotation, 0, 1, 2)
+    bound = np.linalg.trace(attitude_bound(*problems, noise).rotation)
     frames: tuple[Frame | None, ...] = ("combined", None, "optimal")
     moments = (
         attitude_moments(*problems, noise, 2, frame, normalized=parameters.normalized)
         for frame in frames
     )
-    squares = [4.0 * np.trace(found.covariance, 0, 1, 2) for found in moments]
+    squares = [4.0 * np.linalg.trace(found.covariance) for found in moments]
     if parameters.noise == "unequal":
         squares[2] = squares_of_pairs(problems, WEIGHTS)
     return np.stack([*squares, bound, bound], axis=1)
@@ -196,7 +196,7 @@ def squares_of_pairs(problems: Truths, weights: Any = None) -> Float[Array, " n"
         wahba_moments(q, [r1, r2], DEVIATIONS, weights).covariance
         for q, r1, r2 in zip(*problems, strict=True)
     ]
-    return 4.0 * np.trace(found, 0, 1, 2)
+    return 4.0 * np.linalg.trace(found)
 
 
 def price_of_columns(
@@ -209,8 +209,8 @@ def price_of_columns(
         along = np.zeros(len(n))
     if parameters.noise == "unequal":
         square = squares_of_pairs(problems) + along * np.sum(np.square(DEVIATIONS))
-        return np.asarray(np.sqrt(square / bound))
-    return np.asarray(np.sqrt(1.0 + 4.0 * along / bound))
+        return np.sqrt(square / bound)
+    return np.sqrt(1.0 + 4.0 * along / bound)
 
 
 def length_rows(problems: Truths) -> list[Row]:
@@ -228,7 +228,7 @@ def length_rows(problems: Truths) -> list[Row]:
             turns.append(attitude_error(estimator(*longer), q))
         for what, pick in (("median", np.median), ("worst", np.max)):
             statistic = stat.LENGTH_TURN(name, what, unit="rad")
-            value = float(max(pick(each) for each in turns))
+            value = max(pick(each) for each in turns)
             if name == "combined":
                 at, off = pick(first), pick(first + left) - pick(first)
                 off = max(off, at - pick(first - left))
@@ -277,13 +277,13 @@ def ratio_rows(
     """Median and worst of the RMS errors over the q-method's, by theory and drawn."""
     rows: list[Row] = []
     for what, pick in (("median", np.median), ("worst", np.max)):
-        ratio, at = stat.RMS_RATIO(name, what), float(pick(predicted))
+        ratio, at = stat.RMS_RATIO(name, what), pick(predicted)
         if name in ("combined", "optimal"):
-            closed = float(pick(price))
+            closed = pick(price)
             rows += exact(ratio, at, closed, stat.CLOSED_FORM, ROUNDED)
         elif name != "TRIAD":
             rows += unjudged(ratio, at, predictor=stat.FIRST_ORDER)
-        value = float(pick(simulated))
+        value = pick(simulated)
         # that of the geometry which it is, or is next to
         near = error[np.argmin(np.abs(simulated - value))]
         rows += unjudged(
@@ -298,13 +298,13 @@ def _scale_row(
     errors: Float[Array, " n"],
     trials: int,
     left: float = REMAINDER,
-) -> tuple[Row, ...]:
+) -> Rows:
     # from the spread of the trials in each geometry: the geometries are fewer, and
     # their spread has fewer degrees of freedom than `verdict.freedom` takes
-    error = float(np.sqrt(np.sum(errors**2))) / len(errors)
+    error = np.sqrt(np.sum(errors**2)) / len(errors)
     found = (
         stat.SQUARED_ERROR(name),
-        float(np.mean(squares)),
+        np.mean(squares),
         error,
         len(squares) * trials,
     )

@@ -16,12 +16,11 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from simval import statistics as stat
-from simval.arrays import Array
-from simval.figures import Distribution, Listing, entries, predictor
+from simval.arrays import Array, Places
+from simval.figures import Distribution, Listing, entries, family_words, predictor
 from simval.results import Outcome, limit, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
@@ -105,7 +104,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         values = np.quantile(found, list(QUANTILES.values()))
         statistics = stat.LEADING_ERROR_RATIO.each(QUANTILES)
         rows += unjudged(statistics, values, predictor=label)
-        rows += unjudged(stat.NEARER(), float(np.mean(found < 1.0)), predictor=label)
+        rows += unjudged(stat.NEARER(), np.mean(found < 1.0), predictor=label)
     artifact = dict(zip(COMPARED, ratios.T, strict=True))
     name = artifact_of(parameters.model_dump())
     return Outcome(rows=tuple(rows), artifacts={name: artifact})
@@ -117,7 +116,7 @@ def artifact_of(named: Mapping[str, Any]) -> str:
     return f"attitude-geometries-{noise}-{frame}-{count}.npz"
 
 
-def regular_geometries(frame: str, count: int) -> tuple[NDArray[np.intp], Truths]:
+def regular_geometries(frame: str, count: int) -> tuple[Places, Truths]:
     """The first numbered geometries that are not singular for theory."""
     drawn = count
     while True:
@@ -155,11 +154,11 @@ def _extrapolated(
         )
         terms.append((exact.covariance - linear.covariance) / scale**4)
     back = geometry.back
-    return back.swapaxes(1, 2) @ (4.0 * terms[1] - terms[0]) @ back / 3.0
+    return back.mT @ (4.0 * terms[1] - terms[0]) @ back / 3.0
 
 
 def _length(matrices: Float[Array, "n 4 4"]) -> Float[Array, " n"]:
-    return np.asarray(np.linalg.norm(matrices, axis=(1, 2)))
+    return np.linalg.norm(matrices, axis=(1, 2))
 
 
 FIGURES = (
@@ -191,6 +190,6 @@ FIGURES = (
         ),
         rows=[stat.LEADING_ERROR_RATIO, stat.NEARER, stat.LEADING_TERM_OFF],
         keys={"formula": predictor},
-        column=lambda row: entries(row) or row.statistic.family.words,
+        column=lambda row: entries(row) or family_words(row),
     ),
 )

@@ -13,7 +13,7 @@ from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure, Listing, entry, predictor
 from simval.imu.attitude.kernel import column_matrix, raw_quaternion
-from simval.results import Outcome, Row, plain, unjudged
+from simval.results import Outcome, Row, Rows, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import FORMULAS, Truth
@@ -72,9 +72,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=tuple(rows))
 
 
-def _flip_rows(
-    truth: Truth, sigma: float, samples: int, streams: Streams
-) -> tuple[Row, ...]:
+def _flip_rows(truth: Truth, sigma: float, samples: int, streams: Streams) -> Rows:
     geometry = two_vector_geometry(*truth, "plain")
     chance = flip_probability(geometry, noise_covariances(sigma))
     quiet = true_vectors(*truth)[1].reshape(12, 1)
@@ -96,8 +94,7 @@ def _flip_rows(
 
 
 def _norms(vectors: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
-    norms: Array = np.linalg.norm(column_matrix(vectors, symmetric=False), axis=1)
-    return norms
+    return np.linalg.norm(column_matrix(vectors, symmetric=False), axis=1)
 
 
 AT_ONE_PERCENT = [stat.LIMIT_RATIO(part, "1%") for part in ("covariance", "bias")]

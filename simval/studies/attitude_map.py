@@ -17,10 +17,9 @@ from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.figures import Distribution, Figure, Listing, along_entry, entry, predictor
 from simval.results import Outcome, Row, exact, unjudged
 from simval.shapes import Bool, Float
@@ -110,9 +109,7 @@ def limits_of(
 
     The first ratio at which it is, from above, or an end of the ratios.
     """
-    norm = attitude_moments(*truth, 1e-3, 2, frame).norm
-    noise = (norm / ratios)[:, None]  # a sample for each
-    found = {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}
+    found = _moments_at(truth, ratios, frame)
     rho = _relative(found[4], found[2], found[2], "covariance")
     limits = {}
     for order in FORMULAS:
@@ -125,20 +122,27 @@ def limits_of(
     return limits
 
 
-def nearer(truth: Truth, frame: Frame | None) -> Bool[NDArray[np.bool_], "2 n"]:
+def nearer(truth: Truth, frame: Frame | None) -> Bool[Mask, "2 n"]:
     """True at each of `NEAR` where a formula is nearer than the second order."""
-    noise = (attitude_moments(*truth, 1e-3, 2, frame).norm / NEAR)[:, None]
-    found = {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}
+    found = _moments_at(truth, NEAR, frame)
     exact = found["exact"]
     off = {o: _relative(found[o], exact, exact, "covariance") for o in FORMULAS}
     return np.stack([off[order] < off[2] for order in HIGHER])
+
+
+def _moments_at(
+    truth: Truth, ratios: Float[Array, " n"], frame: Frame | None
+) -> dict[Any, AttitudeMoments]:
+    """Moments by each order, with a sample for each |qbar|/sigma."""
+    noise = (attitude_moments(*truth, 1e-3, 2, frame).norm / ratios)[:, None]
+    return {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}
 
 
 def _relative(
     a: AttitudeMoments, b: AttitudeMoments, size: AttitudeMoments, part: str
 ) -> Float[Array, " n"]:
     def length(values: Array) -> Array:
-        return np.asarray(np.linalg.norm(values.reshape(len(values), -1), axis=1))
+        return np.linalg.norm(values.reshape(len(values), -1), axis=1)
 
     gap = length(getattr(a, part) - getattr(b, part))
     return gap / length(getattr(size, part))
@@ -148,12 +152,12 @@ def _crossing(ratios: Array, off: Array, limit: float) -> float:
     # between two ratios the log of the error is linear in the log of the ratio
     reached = np.flatnonzero(off >= limit)
     if reached.size == 0:
-        return float(ratios[-1])
+        return ratios[-1]
     i = int(reached[0])
     if i == 0:
-        return float(ratios[0])
+        return ratios[0]
     step = np.log(limit / off[i - 1]) / np.log(off[i] / off[i - 1])
-    return float(ratios[i - 1] * (ratios[i] / ratios[i - 1]) ** step)
+    return ratios[i - 1] * (ratios[i] / ratios[i - 1]) ** step
 
 
 FIGURES = (

@@ -66,6 +66,9 @@ here the ratio of the sizes of the two terms, which is no less (`_bent`); of the
 after it, the fourth power of the highest level, 3e-6, hundreds of times; and the b
 sigma^2 where (O1) ends."""
 
+Bent = dict[tuple[int | str, str], float]
+"""Of an order and a moment."""
+
 ORDERS: dict[Order, float] = {2: 4.0, "4-paper": 4.0, 4: 6.0}
 """The slope that each formula's error must have."""
 
@@ -110,7 +113,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _bent(
     truth: Truth, levels: Float[Array, " n"], shape: Float[Array, "4 3 3"]
-) -> dict[tuple[int | str, str], float]:
+) -> Bent:
     """The next term over the first that is left out, at the highest level.
 
     From the truth alone, whose powers of the variance go through its levels: a wrong
@@ -121,7 +124,7 @@ def _bent(
     truths = [_truth(truth, noise, None) for noise in noises]
     powers = (levels[:, None] / levels[-1]) ** (2.0 * np.arange(1, len(levels) + 1))
     whole, source = (attitude_moments(*truth, noises[-1], o) for o in (4, "4-paper"))
-    found: dict[tuple[int | str, str], float] = {}
+    found: Bent = {}
     for part in FAMILIES:
         every = np.array([getattr(each, part).ravel() for each in truths])
         _, second, third, fourth, *_ = np.linalg.norm(
@@ -138,7 +141,7 @@ def _slopes(
     norm: float,
     shape: Float[Array, "4 3 3"],
     frame: Frame | None,
-    bent: dict[tuple[int | str, str], float],
+    bent: Bent,
 ) -> Iterator[Row]:
     """Rows of the greatest column, or of all combined: the three upper levels there."""
     levels = norm * LEVELS[2 if frame else 0 :]
@@ -175,8 +178,8 @@ def slope_of(
     x, y = levels[fitted], gap[fitted]
     squares = (x / x[-1]) ** 2
     fit = np.linalg.pinv(np.stack([np.ones(len(x)), np.log(x), squares], axis=1))
-    value = float(fit[1] @ np.log(y))
-    left = NEXT * bent**2 + AFTER + float(np.abs(fit[1]) @ (ROUNDING / norm / y))
+    value = fit[1] @ np.log(y)
+    left = NEXT * bent**2 + AFTER + np.abs(fit[1]) @ (ROUNDING / norm / y)
     why = (
         f"the next term is {bent:.2g} of the first that is left out; a slope is "
         f"told up to {MOST_BENT:g}"

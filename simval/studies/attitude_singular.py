@@ -55,7 +55,7 @@ from pydantic import Field, model_validator
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.figures import Figure, Headline, Listing, Quote, entry
+from simval.figures import Figure, Headline, Listing, Quote, entry, family_words
 from simval.geometry import (
     attitude_error,
     compose,
@@ -83,7 +83,14 @@ from simval.studies.noise_kinds import (
 )
 from simval.studies.response import Expanded, beside, curved
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged
-from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, root, trials_of
+from simval.studies.trials import (
+    Block,
+    Trials,
+    drawn_rows,
+    mean_of,
+    root,
+    trials_of,
+)
 from simval.theory.attitude import (
     Order,
     attitude_moments,
@@ -247,7 +254,7 @@ class Setting:
 
     def beside(self, share: float) -> Float[Array, "4"]:
         """The singular attitude turned about n by (SC1), of |qbar| over |n|."""
-        return compose(turn(self.n, share / float(self.singular[3])), self.singular)
+        return compose(turn(self.n, share / self.singular[3]), self.singular)
 
     def chords(self, name: str, *vectors: Array) -> Float[Array, "n 3"]:
         """Errors of a remedy: twice the vector part, of the scalar's sign."""
@@ -261,7 +268,7 @@ class Setting:
         noise = x.reshape(-1, 4, 3).swapaxes(0, 1) @ self.roots
         vectors = self.truth[:, None] + self.sigma * noise
         found = {name: self.chords(name, *vectors) for name in names}
-        block = vectors.swapaxes(1, 2).reshape(12, -1)
+        block = vectors.mT.reshape(12, -1)
         for name, geometry in self.lengths.items():
             frame = self.best if name == "best" else name
             raw = raw_quaternion(block, frame).T
@@ -360,7 +367,7 @@ class Setting:
         whole, half = (self.by_cubature(first, level) for level in (1.0, 0.5))
         left = 2.0 * np.abs(whole - 4.0 * half) / 0.75
         for (name, C), rest in zip(first.items(), left, strict=True):
-            found[name] = float(np.trace(C)), stat.FIRST_ORDER, float(rest)
+            found[name] = np.trace(C), stat.FIRST_ORDER, float(rest)
         return found
 
     def turns_of(self, frame: Column, normalized: bool = False) -> Array:
@@ -389,7 +396,7 @@ class Setting:
         pairs = [(squares(one + h) + squares(one - h)) / 2.0 for h in steps]
         return np.sum(pairs, axis=0) - 3.0 * middle
 
-    def trial(self, rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(self, rng: np.random.Generator) -> Block:
         """A block of trials: errors of all remedies, and their noise."""
         noise = rng.standard_normal((4, BLOCK, 3))
         drawn = noise * tails(self.parameters.noise, (4, BLOCK, 1), rng)
@@ -468,9 +475,8 @@ def _normalisation_rows(
     found = {k: attitude_moments(*given, k, setting.best) for k in orders}
     left = expansion_remainders(found)[2].bias
     turns = trials["turn"]
-    mean, error = turns.mean(axis=0), turns.std(axis=0, ddof=1) / np.sqrt(len(turns))
     own = plain(
-        stat.BIAS.each("xyzs"), mean, error, len(turns),
+        stat.BIAS.each("xyzs"), *mean_of(turns),
         multiplicative_moments(found[2]).bias, stat.ORDER_2, 2.0 * more * left,
     )  # fmt: skip
     yield from own
@@ -481,11 +487,11 @@ def _border_rows(setting: Setting) -> Iterator[Row]:
     """Step of Table 1's answer across the borders of the case, without noise."""
     tau, r1, r2 = setting.border, setting.r1, setting.r2
     direct = partial(case_quaternion, tolerance=tau)
-    sines = {"to regular": tau / float(setting.singular[3])}
+    sines = {"to regular": tau / setting.singular[3]}
     if setting.parameters.case == "A":
         # the longer difference is the half angle's sine times the sine to the axis
         axis = normalize(r1 + r2)
-        sines["to D"] = tau / float(np.linalg.norm(np.cross(axis, [r1, r2]), axis=1)[0])
+        sines["to D"] = tau / np.linalg.norm(np.cross(axis, [r1, r2]), axis=1)[0]
     for name, sine in sines.items():
         sides = (
             turn(axis, k * sine) if name == "to D" else setting.beside(k * tau)
@@ -493,7 +499,7 @@ def _border_rows(setting: Setting) -> Iterator[Row]:
         )
         answers = [direct(*vectors_of(q, r1, r2)) for q in sides]
         yield from exact(
-            stat.STEP(name), float(attitude_error(*answers)), 2.0 * np.arcsin(sine),
+            stat.STEP(name), attitude_error(*answers), 2.0 * np.arcsin(sine),
             stat.EXACT, 1e-5 * sine + SAME,
         )  # fmt: skip
 
@@ -505,7 +511,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
     q, r1, r2 = (np.stack(each) for each in zip(*truths, strict=True))
     vectors = vectors_of(q, r1, r2)
     noise = noise_covariances(parameters.noise, vectors)
-    bound = np.trace(attitude_bound(q, r1, r2, noise).rotation, 0, 1, 2)
+    bound = np.linalg.trace(attitude_bound(q, r1, r2, noise).rotation)
     noise = seen_noise(parameters, vectors, noise)
     norms = np.abs(column_norms(q, r1, r2))
     least = 0.5 * np.linalg.norm(norms, axis=1, keepdims=True)
@@ -523,7 +529,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
         each = zip(q, r1, r2, noise, strict=True)
         squares["Table 1"] = np.stack([direct_covariance(*one) for one in each])
     for name, C in squares.items():
-        ratios = np.sqrt(np.trace(C, axis1=1, axis2=2) / bound)
+        ratios = np.sqrt(np.linalg.trace(C) / bound)
         values = np.quantile(ratios, [0.0, 0.5, 1.0])
         statistics = [stat.RMS_RATIO(name, k) for k in ("least", "median", "most")]
         yield from unjudged(
@@ -546,7 +552,7 @@ def _table_rows() -> Iterator[Row]:
     r1, r2 = np.tile(pairs, (len(attitudes), 1, 1)).swapaxes(0, 1)
     vectors = [*np.moveaxis(vectors_of(q, r1, r2), 1, 0)]
     singular = np.abs(column_norms(q, r1, r2)) <= SAME
-    turned: Any = partial(turn_is_singular, tolerance=SAME)
+    turned = partial(turn_is_singular, tolerance=SAME)
     by_table = [partial(turned, axis=k)(*vectors) for k in range(3)]
     wrong = {
         "Table 1": attitude_error(case_quaternion(*vectors), q) > SAME,
@@ -554,7 +560,7 @@ def _table_rows() -> Iterator[Row]:
         "sequential": attitude_error(sequential_quaternion(*vectors).q, q) > SAME,
     }
     for name, each in wrong.items():
-        share = float(np.mean(each))
+        share = np.mean(each)
         yield from limit(stat.FAILURES(name), share, 0.0, stat.TRUTH, n=each.size)
 
 
@@ -611,7 +617,7 @@ FIGURES = (
         caption="Error of each remedy, over the bound, and its square over theory's",
         rows=[stat.RMS, stat.RMS_OVER_BOUND, stat.SQUARED_ERROR],
         keys={"remedy": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
     Listing(
         name="singular-costs",
@@ -631,7 +637,7 @@ FIGURES = (
         ),
         rows=[stat.STEP, stat.LENGTH_OFF, stat.FAILURES],
         keys={"of": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
         predicted=True,
     ),
 )

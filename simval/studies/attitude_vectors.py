@@ -53,7 +53,7 @@ from simval.arrays import Array
 from simval.change import PAIRED_SHARE
 from simval.consistency import normalised_squares, rotation_error
 from simval.errors import RefusedError
-from simval.figures import Figure, Listing, entry, predictor
+from simval.figures import Figure, Listing, entry, family_words, predictor
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.imu.attitude import (
     consistency,
@@ -61,7 +61,7 @@ from simval.imu.attitude import (
     wahba_covariance,
     wahba_quaternion,
 )
-from simval.results import Outcome, Row, beyond, exact, nees, plain, unjudged
+from simval.results import Outcome, Row, Rows, beyond, exact, nees, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.noise_kinds import (
@@ -80,7 +80,13 @@ from simval.studies.response import (
     response,
 )
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged, refusing
-from simval.studies.trials import correlation_row, noise_row, root, share_error
+from simval.studies.trials import (
+    correlation_row,
+    mean_of,
+    noise_row,
+    root,
+    share_error,
+)
 from simval.theory import (
     attitude_moments,
     cubature_moments,
@@ -195,7 +201,7 @@ class Setting:
         sizes = self.noise_std.reshape(-1, 1, 1) ** 2
         noise = self.covariances = sizes * noise_covariances(self.kind, vectors)
         bound = wahba_bound(self.q, self.references, noise)
-        self.bound = float(np.trace(bound.rotation))
+        self.bound = np.trace(bound.rotation)
         self.weights = {"weighted": 1.0 / self.std**2, "equal weights": np.ones(n)}
         moments = {
             name: wahba_moments(self.q, self.references, noise, weights)
@@ -211,8 +217,7 @@ class Setting:
                     self.q, r1, r2, noise, 2, frame, normalized=self.normalized
                 )
         self.predicted = {
-            name: 4.0 * float(np.trace(moment.covariance))
-            for name, moment in moments.items()
+            name: 4.0 * np.trace(moment.covariance) for name, moment in moments.items()
         }
 
     def estimates(self, body: Float[Array, "t n 3"]) -> dict[str, Array]:
@@ -262,7 +267,7 @@ class Setting:
         normal = np.cross(self.body[0], self.body[1])
         displacement = np.zeros((self.n, 3))
         displacement[1] = normalize(np.cross(normal, self.body[1]))
-        return shift * float(np.hypot(*self.std[:2])) * displacement
+        return shift * np.hypot(*self.std[:2]) * displacement
 
     def apart(self, shift: float) -> float:
         """Non-centrality of the loss under such a turn."""
@@ -305,7 +310,7 @@ class Setting:
     def sine(self) -> float:
         """How well the vectors fix the turn that they fix worst; 1 of many."""
         seen = self.n * np.eye(3) - self.body.T @ self.body
-        return float(np.sqrt(min(np.linalg.eigvalsh(seen)[0], 1.0)))
+        return np.sqrt(min(np.linalg.eigvalsh(seen)[0], 1.0))
 
     def draw(
         self, count: int, rng: np.random.Generator
@@ -335,7 +340,7 @@ class Setting:
         n = self.n
         unseen = np.zeros((n, 3, n + 3))
         unseen[np.arange(n), :, np.arange(n)] = self.body
-        unseen[:, :, n:] = np.cross(self.body[:, None], np.eye(3)).transpose(0, 2, 1)
+        unseen[:, :, n:] = np.cross(self.body[:, None], np.eye(3)).mT
         unseen[:, :, n:] /= self.std[:, None, None]
         basis = np.linalg.qr(unseen.reshape(3 * n, -1))[0]
 
@@ -393,7 +398,7 @@ def left_out(parameters: Parameters, shift: float = 0.0) -> Float[Array, " m"]:
 
 def unequal(weights: Float[Array, " n"]) -> float:
     """Rounding of unit vectors, as much as unequal weights magnify it."""
-    return float(weights.max() / weights.min()) * float(np.finfo(float).eps)
+    return (weights.max() / weights.min()) * float(np.finfo(float).eps)
 
 
 def why_outside(left: float, mean: float) -> str:
@@ -436,13 +441,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _estimator_rows(
     setting: Setting, values: Array, x: Float[Array, "t n 3"], off: Array
-) -> tuple[Row, ...]:
+) -> Rows:
     """Squared error and normalised square of each estimator, and RMS over the bound.
 
     Then the judged ones of them with the linear turns as control variates.
     """
-    n, count = len(values), len(setting.predicted)
-    mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(n)
+    (mean, error, n), count = mean_of(values), len(setting.predicted)
     known = linearized(setting.errors, x.reshape(n, -1))
     squares: list[Row] = []
     own: list[Row] = []
@@ -466,7 +470,7 @@ def _estimator_rows(
         )
         own += beyond(row, why_outside(off[j], 3.0))
         turn = known.take(slice(3 * k, 3 * k + 3))
-        variance = float(np.trace(turn.covariance)) / predicted
+        variance = np.trace(turn.covariance) / predicted
         linear.append((np.sum(turn.first**2, axis=1) / predicted, variance))
         solved = np.linalg.solve(turn.covariance, turn.first.T).T
         normal.append((np.vecdot(turn.first, solved), 3.0))
@@ -486,17 +490,17 @@ def _test_rows(
     x: Float[Array, "t n 3"],
     losses: Float[Array, " t"],
     off: Float[Array, " m"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Share of samples whose loss is above the threshold, also with control variates.
 
     The last two of `off` are what the first order leaves out of the loss and its
     square.
     """
     freedom, n = 2 * setting.n - 3, len(losses)
-    threshold = float(scipy.special.chdtri(freedom, FALSE_ALARM))
+    threshold = scipy.special.chdtri(freedom, FALSE_ALARM)
 
     def share(apart: float, more: float = 0.0) -> float:
-        return 1.0 - float(scipy.special.chndtr(threshold + more, freedom, apart))
+        return 1.0 - scipy.special.chndtr(threshold + more, freedom, apart)
 
     (mean, variance), (of_mean, of_square) = setting.loss_moments(shift), off[-2:]
     of_variance = (of_square + 2.0 * mean * of_mean) / variance
@@ -517,14 +521,14 @@ def _test_rows(
     return (*rows, *beside(rows, [sharper]))
 
 
-def _stated_rows(setting: Setting) -> tuple[Row, ...]:
+def _stated_rows(setting: Setting) -> Rows:
     """Covariances that the least squares state, against their answers' response."""
     moved = response(
         lambda y: setting.turns(y.reshape(len(y), -1, 3)), setting.body.ravel(),
         STATED_STEP * setting.sine,
     )  # fmt: skip
     covariance = moved.covariance(np.repeat(setting.std, 3))
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for k, (name, weights) in enumerate(setting.weights.items()):
         own = slice(3 * k, 3 * k + 3)
         left = max(MET, ROUNDED * unequal(weights) / (STATED_STEP * setting.sine))
@@ -581,10 +585,6 @@ def _order_rows(setting: Setting) -> Iterator[Row]:
         yield from beyond(rows, out if beyond_first > MOST_NEXT else "")
 
 
-def _family(row: Row) -> str:
-    return row.statistic.family.words
-
-
 FIGURES = (
     Figure(
         name="vectors",
@@ -609,7 +609,7 @@ FIGURES = (
         caption="Error of each estimator in each setting, and its covariance",
         rows=[stat.RMS_OVER_BOUND, stat.SQUARED_ERROR, stat.NEES],
         keys={"estimator": entry(0)},
-        column=_family,
+        column=family_words,
         predicted=True,
     ),
     Listing(

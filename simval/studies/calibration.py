@@ -33,15 +33,16 @@ from simval.arrays import Array, frozen
 from simval.figures import Figure, Headline, Listing, Quote, entries, of_calibration
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
+from simval.moments import deviations
 from simval.montecarlo import Sums, along, mean_square, moments_of
 from simval.poses import PARAMETERS, observability
-from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, STEP, Expanded, apart, beside, response
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, noise_row, root, trials_of
+from simval.studies.trials import Block, drawn_rows, noise_row, root, trials_of
 from simval.theory.calibration import (
     EVEN,
     CalibrationMoments,
@@ -60,7 +61,7 @@ RECOVERED = 1e-9
 ROUNDED = 64 * np.finfo(float).eps
 """Of g and 1, times the condition of the poses: thirty times what the worst of those
 500 was off by. Control variates see that."""
-G = 9.80665  # m/s^2, natural size of a bias
+G = 9.80665  # m/s^2, standard gravity, and the natural size of a bias
 UNITS = ("1",) * 6 + ("m/s²",) * 3
 MOST_POSES = 40
 """Poses: more tell nothing new of a formula."""
@@ -155,7 +156,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     quiet = np.random.default_rng(0)  # draws nothing
     clean, felt = (true_sensor(0.0).distort(f, quiet) for f in (means, forces))
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         readings = sensor.distort(np.broadcast_to(forces, (BLOCK, *forces.shape)), rng)
         raw = np.full(readings.shape[2], 1.0 / readings.shape[2]) @ readings
         fit = calibrate(raw, g=g, covariance=False)
@@ -205,7 +206,7 @@ def expanded(
     )
 
 
-def _recovery(sensor: AccelerometerModel, rests: Rests) -> tuple[Row, ...]:
+def _recovery(sensor: AccelerometerModel, rests: Rests) -> Rows:
     """Relative error of T, K and B from one noise-free tumble.
 
     A rest that is not quite at rest passes its relative error on to the parameters,
@@ -228,7 +229,7 @@ def _moment_rows(
     measured, n, names = moments_of(sums), sums.samples, predicted.names
     sd, expected = measured.sd, predicted.sd
     variance_error = np.diagonal(measured.covariance_error)
-    share = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    share = (deviations(predicted.cramer_rao) / sd) ** 2
     return [
         *plain(
             stat.BIAS.each(names, UNITS), measured.bias, measured.bias_error, n,
@@ -240,7 +241,7 @@ def _moment_rows(
         ),
         *unjudged(
             stat.EFFICIENCY.each(names), share, share * variance_error / sd**2, n,
-            (np.sqrt(np.diagonal(predicted.cramer_rao)) / expected) ** 2,
+            (deviations(predicted.cramer_rao) / expected) ** 2,
             stat.FIRST_ORDER,
         ),
     ]  # fmt: skip
@@ -248,7 +249,7 @@ def _moment_rows(
 
 def _nees_row(
     sums: Sums, predicted: CalibrationMoments, left: Float[Array, "9"]
-) -> tuple[Row, ...]:
+) -> Rows:
     weight = np.linalg.inv(predicted.covariance)
     shift, off = bias_square(predicted.bias, left, predicted.covariance)
     expected = 9.0 + shift
@@ -264,12 +265,12 @@ def rounding_of(sensor: AccelerometerModel, condition: float) -> Float[Array, "9
 
 
 def _control_rows(
-    rows: tuple[Row, ...],
+    rows: Rows,
     error: Float[Array, "t 9"],
     known: Expanded,
     predicted: CalibrationMoments,
     rounding: Float[Array, "9"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """The judged ones of these rows, of what noise adds, with control variates."""
     weight = np.linalg.inv(predicted.covariance)
     relative = 18.0 * np.max(rounding / predicted.sd)  # of nine squares
@@ -287,7 +288,7 @@ def _group_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         weight[part, part] = np.eye(3) / 3.0
         found = root(*mean_square(sums, weight))
         for predictor, matrix in _theories(predicted).items():
-            expected = float(np.sqrt(np.trace(weight @ matrix)))
+            expected = np.sqrt(np.trace(weight @ matrix))
             yield from unjudged(
                 stat.RMS(name, unit=unit), *found, sums.samples, expected, predictor
             )
@@ -312,22 +313,22 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         (stat.RMS("all"), all_nine, stat.CRAMER_RAO),
         (stat.RMS_OVER_BOUND(), over, stat.FIRST_ORDER),
     ):
-        expected = float(np.sqrt(weight @ np.diagonal(_theories(predicted)[by])))
+        expected = np.sqrt(weight @ np.diagonal(_theories(predicted)[by]))
         found = root(*mean_square(sums, np.diag(weight)))
         yield from unjudged(statistic, *found, n, expected, by)
     for name, part, unit in GROUPS:
         each = np.zeros(9)
         each[part] = 1.0 / 3.0
-        expected = float(np.sqrt(each @ predicted.sd**2))
+        expected = np.sqrt(each @ predicted.sd**2)
         left = expected * predicted.variance_remainder / 2.0
         found = root(*along(sums, np.diag(each)))
         yield from unjudged(
             stat.SPREAD(name, unit=unit), *found, n, expected, stat.FIRST_ORDER, left
         )
-        size = float(np.sqrt(each @ predicted.bias**2))
+        size = np.sqrt(each @ predicted.bias**2)
         if size > 0.0:  # else there is nothing to project on
             weight = each * predicted.bias / size
-            left = float(np.abs(weight) @ predicted.bias_remainder)
+            left = np.abs(weight) @ predicted.bias_remainder
             found = along(sums, weight)
             yield from unjudged(
                 stat.BIAS_ALONG(name, unit=unit),
@@ -344,7 +345,7 @@ def response_rows(
     forces: Float[Array, "n 3"],
     g: float,
     residual: Any = "squared",
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of theory against the estimate, and of stated error bars against theory.
 
     None for poses or scales so uneven that differences are no match for them.

@@ -41,11 +41,11 @@ import scipy
 from pydantic import Field, model_validator
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import PluginError
 from simval.imu.sensor import forms
 from simval.imu.sensor.models import ALL, mean_square_left, own_sensor, places_of
-from simval.moments import Moments
+from simval.moments import Moments, deviations
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Calibrator, probe_calibrator
 from simval.plugins.answers import Calibration, calibration_of, calibrations_of
@@ -54,9 +54,8 @@ from simval.plugins.names import COMMAND
 from simval.plugins.probe import TOLERANCE
 from simval.plugins.programs import in_batch
 from simval.plugins.protocol import BatchCalibrator
-from simval.plugins.runs import Places
 from simval.poses import cube_faces, fibonacci_sphere
-from simval.results import Row, limit, nees, plain, unjudged
+from simval.results import Rows, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.coverage import FREEDOM
@@ -135,9 +134,9 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         estimates, self.places = plugin.estimates, list(places_of(plugin.estimates))
         if self.faces and estimates == ALL:
             msg = (
-                f"{plugin.name} estimates nine parameters, of which six faces of a "
-                'cube show six; use pose_set = "sphere", or declare in `estimates` '
-                "what it estimates"
+                f"{plugin.name} estimates nine parameters, but six faces of a cube "
+                'show only six of them; use pose_set = "sphere", or declare in '
+                "`estimates` what it estimates"
             )
             raise PluginError(msg)
         full = probe_sensor(estimates)
@@ -160,7 +159,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
             )  # fmt: skip
             # eq. (K4) of the worst axis
             worst = np.linalg.norm(inside.matrix, axis=1).max()
-            remainder = VARIANCE_NEXT * float((self.noise * worst / G) ** 2)
+            remainder = VARIANCE_NEXT * (self.noise * worst / G) ** 2
         self.variance_off = remainder + FREEDOM
         self.inside = inside
 
@@ -191,7 +190,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
     @property
     def relative(self) -> float:
         """Square of the noise over g."""
-        return float((self.parameters.noise_std / G) ** 2)
+        return (self.parameters.noise_std / G) ** 2
 
     @cached_property
     def answer(self) -> Calibration:
@@ -280,7 +279,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         most[:, p + 1 :] = SQUARE_APART * (1.0 + first[:, p + 1 :])
         return first, lambda order: self.errors(blocks, order), most
 
-    def rows(self, probed: float, answers: Trials) -> tuple[Row, ...]:
+    def rows(self, probed: float, answers: Trials) -> Rows:
         """All rows of a calibrator's cell."""
         sums, every, settled = answers
         measured = moments_of(sums)
@@ -339,7 +338,7 @@ class Parameters(AlgorithmParameters):
         least = 9 if self.pose_set == "sphere" else FACES
         if self.poses < least or (self.pose_set == "faces" and self.poses % FACES):
             msg = (
-                f"`poses` is {self.poses}; of the sphere there must be 9 or more, of "
+                f'`poses` is {self.poses}; pose_set = "sphere" needs 9 or more, '
                 'pose_set = "faces" a multiple of 6'
             )
             raise ValueError(msg)
@@ -379,7 +378,7 @@ def require_order(problem: Calibrations) -> None:
         back = np.argsort(order)  # where each parameter stands in that order
         half = np.linalg.solve(root, covariance[np.ix_(back, back)])
         ratios = np.linalg.eigvalsh(np.linalg.solve(root, half.T))
-        spread[tuple(order.tolist())] = float(ratios[-1] / ratios[0])
+        spread[tuple(order.tolist())] = ratios[-1] / ratios[0]
     fitting = min(spread, key=lambda order: spread[order])
     if ALIKE * spread[fitting] < spread[tuple(range(p))]:
         msg = (
@@ -403,7 +402,7 @@ def require_spread(problem: Calibrations, measured: Moments) -> None:
         raise PluginError(msg)
 
 
-def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> tuple[Row, ...]:
+def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> Rows:
     """Rows of the answer without noise, of a sensor outside the class.
 
     It is in the middle of what all criteria converge to, or off it by their range.
@@ -423,7 +422,7 @@ def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> tuple[Ro
 
 def parameter_rows(
     problem: Calibrations, measured: Moments, settled: Float[Array, " p"]
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of each parameter: bias, and spread against the bound."""
     n, (names, units) = measured.samples, problem.named
     p = len(names)
@@ -437,7 +436,7 @@ def parameter_rows(
     spread = stat.SD.each(names, units), sd, variance_error / (2 * sd), n
     if not problem.own:
         return rows + unjudged(*spread)
-    bound = np.sqrt(np.diagonal(problem.bound))
+    bound = deviations(problem.bound)
     efficiency = (bound / sd) ** 2
     error = efficiency * variance_error / sd**2
     return (
@@ -447,10 +446,10 @@ def parameter_rows(
     )
 
 
-def left_rows(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
+def left_rows(problem: Calibrations, measured: Moments) -> Rows:
     """RMS of what a calibration leaves, against the least possible, m/s^2."""
     p, places, sensor = len(problem.places), tuple(problem.places), problem.sensor
-    rms, error = root(float(measured.bias[p]), float(measured.bias_error[p]))
+    rms, error = root(measured.bias[p], measured.bias_error[p])
     n = measured.samples
     if problem.own:
         least = bound_left(problem.inside, problem.bound, places, G)
@@ -464,9 +463,7 @@ def left_rows(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
     return rows + unjudged(stat.LEFT(), rms, error, n, least, stat.NINE_PARAMETERS)
 
 
-def extreme_rows(
-    problem: Calibrations, sums: Sums, every: Float[Array, "n p"]
-) -> tuple[Row, ...]:
+def extreme_rows(problem: Calibrations, sums: Sums, every: Float[Array, "n p"]) -> Rows:
     """Rows of what no calibrator does: better than the bound, or far off now and then.
 
     Normal errors are within the quantile of all of them together; the deviation of
@@ -475,7 +472,7 @@ def extreme_rows(
     n, p = len(every), len(problem.places)
     size = np.abs(every[:, :p] - np.median(every[:, :p], axis=0))
     deviations = np.median(size, axis=0) / scipy.special.ndtri(0.75)
-    greatest = float((size.max(axis=0) / deviations).max())
+    greatest = (size.max(axis=0) / deviations).max()
     most = -scipy.special.ndtri(RARE / (2 * n * p)) * (1.0 + 5.0 * 1.17 / np.sqrt(n))
     rows = limit(stat.GREATEST_ERROR(), greatest, most, stat.NORMAL, n=n)
     if not problem.own:
@@ -489,7 +486,7 @@ def extreme_rows(
     )  # fmt: skip
 
 
-def nees_row(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
+def nees_row(problem: Calibrations, measured: Moments) -> Rows:
     """Mean normalised square, where a covariance is given."""
     p, n = len(problem.places), measured.samples
     if len(measured.bias) < p + 2:

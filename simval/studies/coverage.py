@@ -25,10 +25,10 @@ from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.streams import Streams
-from simval.studies.calibration import response_rows, true_sensor
+from simval.studies.calibration import G, response_rows, true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
-    Kept,
+    Block,
     drawn_rows,
     mean_of,
     share_error,
@@ -42,7 +42,6 @@ TITLE = "Coverage: do the reported error bars of a calibration hold?"
 SECTION = "statistics"
 
 BLOCK = 512  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 LEVEL = 0.95  # as of the intervals that a calibration states
 FREEDOM = 0.003
 """Relative, of a Type A variance; measured for scales within 5 %, like those here."""
@@ -95,7 +94,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         sensor, directions, G, parameters.noise_std, parameters.residual
     )
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = parameters.noise_std * rng.standard_normal((BLOCK, *clean.shape))
         fit = calibrate(
             clean + noise,
@@ -155,5 +154,5 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def nees_quantile(level: float, dof: int | None) -> float:
     """Value that the NEES exceeds with probability 1 - level."""
     if dof is None:
-        return float(2.0 * scipy.special.gammaincinv(4.5, level))
-    return float(9.0 * scipy.special.fdtri(9, dof, level))
+        return 2.0 * scipy.special.gammaincinv(4.5, level)
+    return 9.0 * scipy.special.fdtri(9, dof, level)

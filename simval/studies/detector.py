@@ -29,11 +29,10 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Mask, Places
 from simval.consistency import normalised_squares
 from simval.figures import VARYING, Figure, Headline, Quote, Strip, Trace, words
 from simval.imu.calibrate import calibrate
@@ -47,7 +46,7 @@ from simval.imu.statics import (
     variance_magnitude,
 )
 from simval.poses import PARAMETERS
-from simval.results import Outcome, Row, exact, nees, unjudged
+from simval.results import Outcome, Row, Rows, exact, nees, unjudged
 from simval.scene import Trajectory, simulate_cached
 from simval.shapes import Float, Int
 from simval.streams import Streams
@@ -115,8 +114,8 @@ class Tumble:
 
     time: Float[Array, " n"]  # seconds
     force: Float[Array, "n 3"]  # true specific force, sensor axes, m/s^2
-    still: NDArray[np.bool_]  # rows at rest, (n,)
-    hold: NDArray[np.intp]  # planned rest of each row, -1 for none, (n,)
+    still: Mask  # rows at rest, (n,)
+    hold: Places  # planned rest of each row, -1 for none, (n,)
     g: float  # length of gravity, m/s^2
 
 
@@ -141,7 +140,7 @@ def thinned(trajectory: Trajectory) -> Tumble:
 
 
 def score(
-    found: Sequence[Intervals], still: NDArray[np.bool_], hold: NDArray[np.intp]
+    found: Sequence[Intervals], still: Mask, hold: Places
 ) -> dict[stat.Family, Float[Array, " t"]]:
     """Compare the intervals of each trial with the truth."""
     trials = len(found)
@@ -172,15 +171,15 @@ def score(
     }
 
 
-def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def pure(intervals: Intervals, still: Mask) -> Mask:
     """Return which intervals hold still rows only."""
     return _count(still, intervals) == interval_counts(intervals)
 
 
-def _count(rows: NDArray[np.bool_], intervals: Intervals) -> NDArray[np.intp]:
+def _count(rows: Mask, intervals: Intervals) -> Places:
     # how many of these rows are in each interval
     before = np.concatenate([[0], np.cumsum(rows)])
-    return np.asarray(before[intervals[:, 1]] - before[intervals[:, 0]])
+    return before[intervals[:, 1]] - before[intervals[:, 0]]
 
 
 def detect(
@@ -198,12 +197,12 @@ class Rests(NamedTuple):
     """Rests of a trial, as a detector found them."""
 
     means: Float[Array, "m 3"]  # raw units
-    counts: NDArray[np.intp]  # samples of each, (m,)
+    counts: Places  # samples of each, (m,)
     off: Float[Array, " m"]  # of the mean of the true force, from g, m/s^2
 
     def moved(self, noise_std: float) -> float:
         """What that may add to a normalised square."""
-        return float(np.sum(self.counts * (self.off / noise_std) ** 2))
+        return np.sum(self.counts * (self.off / noise_std) ** 2)
 
 
 def squares_of(
@@ -229,7 +228,7 @@ def squares_of(
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
     """Simulate a scene, or read it from the cache, and thin it to the rate of a log."""
-    setting: dict[str, Any] = {"poses": poses, "hold_time": 2.0}
+    setting = {"poses": poses, "hold_time": 2.0}
     if scene in ("gimbal", "handheld"):
         setting["first_hold"] = 5.0
     return thinned(simulate_cached(scene, **setting))
@@ -271,7 +270,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _pure_ones(
-    every: Sequence[Rests], found: Sequence[Intervals], still: NDArray[np.bool_]
+    every: Sequence[Rests], found: Sequence[Intervals], still: Mask
 ) -> list[Rests]:
     # of the rests of each trial
     ends = np.cumsum([len(intervals) for intervals in found])[:-1]
@@ -340,7 +339,7 @@ def known_rests(multiplier: float, window: int, trim: int) -> KnownRests:
     length = first - 6 * window
     scale = (first - 2 * half) / (first - 2 * half - 1) / ((window + 1) / window)
     near = np.sqrt(multiplier * scale * (1.0 + NEAR * np.array([-1.0, 1.0])))
-    amplitudes = [1.0, 1.0, float(near[0]), float(near[1]), 1.0]
+    amplitudes = [1.0, 1.0, near[0], near[1], 1.0]
     levels = 25.0 * np.array(
         [[0, 0, 4], [3, -1, 2], [-2, 3, 1], [1, 1, 1], [-4, 0, 1]], dtype=float
     )
@@ -351,7 +350,7 @@ def known_rests(multiplier: float, window: int, trim: int) -> KnownRests:
         if k != 3:  # which is above the threshold
             intervals.append([at + half + trim, at + count - half - trim])
             means.append(level)
-        parts += [_alternating(move, MOVE * float(near[1]))]
+        parts += [_alternating(move, MOVE * near[1])]
         at += count + move
     return KnownRests(np.concatenate(parts), np.array(intervals), np.array(means))
 
@@ -361,7 +360,7 @@ def known_rest_rows(
     means: Callable[..., Array],
     counts: Callable[..., Any],
     settings: tuple[float, int, int],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of a detector, and of the means and counts of what it finds."""
     if not MULTIPLIERS[0] <= settings[0] <= MULTIPLIERS[1]:
         return ()

@@ -38,17 +38,18 @@ import scipy
 from pydantic import Field
 
 from simval import statistics as stat
-from simval.figures import Figure, Listing, along_entry, entry
+from simval.figures import Figure, Listing, along_entry, entry, family_words
 from simval.geometry import normalize
 from simval.imu.explain import Judgement, RestMeans, judge
 from simval.imu.explain.explanation import Kind
 from simval.imu.explain.judgement import REFUSED
-from simval.results import Outcome, Row, limit, plain, unjudged
+from simval.results import Outcome, Row, Rows, limit, plain, unjudged
 from simval.statistics import Family, Statistic
 from simval.streams import Streams
 from simval.studies.rest_sets import (
     BIASES,
     HOLDS,
+    LYING,
     PAIRS,
     READINGS,
     SCALES,
@@ -76,6 +77,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Fault]]] = MappingProxyType({
     "scales": SCALES,
     "holds": HOLDS,
     "two at once": PAIRS,
+    "in half a sphere": LYING,
     "in no catalogue": UNLISTED,
 })  # fmt: skip
 SOUND_LOGS: Final = 16  # of each kind to one with a fault, which takes 100 times longer
@@ -94,7 +96,7 @@ class Parameters(StudyParameters):
 
     logs: Literal[
         "sound", "of known noise", "changed readings", "biases", "scales", "holds",
-        "two at once", "in no catalogue",
+        "two at once", "in half a sphere", "in no catalogue",
     ] = Field(
         default="sound", description="Logs without a fault, or with which."
     )  # fmt: skip
@@ -142,6 +144,22 @@ MISSED: Final[Mapping[str, tuple[int, int, int, int]]] = MappingProxyType({
     "bias drift and sign": (20, 9, 8, 1),
     "bias step and rest off": (20, 20, 18, 0),
     "scale in temperature and exchange": (20, 14, 10, 0),
+    "sign in half a sphere": (1, 2, 1, 0),
+    "exchange in half a sphere": (2, 1, 0, 1),
+    "factor in half a sphere": (3, 1, 1, 0),
+    "wrap in half a sphere": (7, 8, 7, 0),
+    "bias step in half a sphere": (20, 10, 1, 0),
+    "bias steps in half a sphere": (20, 18, 7, 1),
+    "bias drift in half a sphere": (20, 15, 3, 0),
+    "warming in half a sphere": (20, 13, 5, 0),
+    "bias in temperature in half a sphere": (20, 16, 1, 1),
+    "scale step in half a sphere": (20, 13, 6, 1),
+    "gain drift in half a sphere": (18, 5, 2, 0),
+    "scale in temperature in half a sphere": (20, 12, 7, 0),
+    "bend in half a sphere": (20, 17, 13, 0),
+    "rest off in half a sphere": (20, 8, 0, 0),
+    "two rests off in half a sphere": (20, 11, 0, 0),
+    "noisy axis in half a sphere": (20, 19, 19, 0),
     "clipping": (11, 4, 0, 0),
     "hysteresis": (12, 2, 0, 0),
     "walking bias": (4, 0, 0, 0),
@@ -179,16 +197,14 @@ def as_counted(k: int, of: int, n: int) -> int:
     return int(np.sum(beyond > SELDOM))
 
 
-def _held(
-    what: Statistic, hits: Sequence[bool], most: Most, predictor: str
-) -> tuple[Row, ...]:
-    n, share = len(hits), float(np.mean(hits))
+def _held(what: Statistic, hits: Sequence[bool], most: Most, predictor: str) -> Rows:
+    n, share = len(hits), np.mean(hits)
     if most(n) < n:
         return limit(what, share, most(n) / n, predictor, n)
     return unjudged(what, share, share_error(share, n), n)
 
 
-def _again(what: Statistic, hits: Sequence[bool], k: int, of: int) -> tuple[Row, ...]:
+def _again(what: Statistic, hits: Sequence[bool], k: int, of: int) -> Rows:
     return _held(what, hits, partial(as_counted, k, of), stat.COUNTED)
 
 
@@ -214,8 +230,8 @@ def _sound_rows(trials: int, streams: Streams) -> Iterator[Row]:
     yield from _held(stat.ODDS_ABOVE(f"{ODDS:g}"), odds, bound, stat.MARKOV)
 
 
-def _known_rows(n: int, rng: Random) -> tuple[Row, ...]:
-    mean = float(np.mean([judge(_of_known_noise(rng)).chance for _ in range(n)]))
+def _known_rows(n: int, rng: Random) -> Rows:
+    mean = np.mean([judge(_of_known_noise(rng)).chance for _ in range(n)])
     error = (12.0 * n) ** -0.5  # of the uniform law
     return plain(stat.MEAN_CHANCE(), mean, error, n, 0.5, stat.EXACT)
 
@@ -333,13 +349,13 @@ FIGURES = (
         caption="How each fault stands, by its size",
         rows=[*STANDINGS.values(), stat.MISSED_AT],
         keys={"fault": entry(0), "times the noise": entry(1)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
     Listing(
         name="diagnosis-sound",
         caption="Sound logs that are accused, and that are asked about",
         rows=[stat.ACCUSED, stat.ASKED],
         keys={"logs": entry(0)},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
 )

@@ -46,7 +46,7 @@ from simval.studies.calibration import true_sensor
 from simval.studies.detector import detect, known_rest_rows, logged, pure, thinned
 from simval.studies.magnetometer import true_magnetometer
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, mean_of, root, trials_of
+from simval.studies.trials import Block, drawn_rows, mean_of, root, trials_of
 from simval.theory.magnetometer import RANGE, Problem, equations_of, problem_of
 from simval.theory.propagation import PARTS, UP, Wanted, calibration_parts, carrier
 
@@ -119,7 +119,7 @@ class Scenario:
         self.sensors: Sensors = (true_sensor(0.0), true_magnetometer())
         self.tumble, self.wanted = thinned(trajectory), wanted
         self.attitude = trajectory.attitude[every]
-        self.dip = float(-np.arcsin(normalize(trajectory.magnetic)[2]))
+        self.dip = -np.arcsin(normalize(trajectory.magnetic)[2])
         field = normalize(trajectory.magnetic_field[every])
         self.log = np.stack(self.felt(self.tumble.force, field))
         self.rests = self.felt(wanted.force, wanted.field)
@@ -219,10 +219,7 @@ class Scenario:
         along = values[..., 9:18].reshape(*values.shape[:-1], 3, 3)
         pairs = (force, values[..., 6:9], up), (field, values[..., 18:21], along)
         return np.stack(
-            [
-                normalize((raw - bias[..., None, :]) @ M.swapaxes(-1, -2))
-                for raw, bias, M in pairs
-            ],
+            [normalize((raw - bias[..., None, :]) @ M.mT) for raw, bias, M in pairs],
             axis=1,
         )
 
@@ -232,7 +229,7 @@ class Scenario:
         """Attitudes."""
         b1, b2 = directions[:, 0], directions[:, 1]
         r1, r2 = (np.broadcast_to(r, b1.shape) for r in (UP, self.wanted.field_world))
-        return np.asarray(two_vector_quaternion(b1, b2, r1, r2, "best"))
+        return two_vector_quaternion(b1, b2, r1, r2, "best")
 
 
 class Readings(NamedTuple):
@@ -267,7 +264,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     drawn: list[Readings] = []
     sensor = true_sensor(force_std)
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         raw = sensor.distort(scenario.tumble.force, rng)
         drawn.append(scenario.drawn(raw, noise, mean_std, rng))
         moved = np.sum(~pure(drawn[-1].intervals, scenario.tumble.still))
@@ -290,7 +287,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rotation = 2.0 * step[..., :3] * np.sign(step[..., 3:])
     measured = np.mean(attitude_error(estimates, wanted.q) ** 2, axis=2).T
     # below zero only by rounding, of what is nothing beside the rest
-    predicted = np.maximum(np.trace(parts, axis1=-2, axis2=-1).mean(axis=1).T, 0.0)
+    predicted = np.maximum(np.linalg.trace(parts).mean(axis=1).T, 0.0)
     square = mean_of(np.mean(normalised_squares(rotation, parts[:, :, -1]), axis=1))
     g, whole = scenario.tumble.g, np.maximum(stds.max(axis=1), mean_std)
     remainder = NEXT_ORDER * max(whole[0] / g, whole[1]) ** 2

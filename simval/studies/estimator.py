@@ -75,7 +75,7 @@ from simval.plugins.probe import (
     depends_on_noise,
     failure_shares,
 )
-from simval.results import Row, limit, unjudged
+from simval.results import Rows, limit, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import random_geometry
@@ -216,7 +216,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             most[:, 3] = SQUARE_APART * (1.0 + first[:, 3])
         return first, lambda k: self.errors(vectors[k], self.noise_std), most
 
-    def rows(self, probed: float, answers: Trials) -> tuple[Row, ...]:
+    def rows(self, probed: float, answers: Trials) -> Rows:
         """All rows of an estimator's cell."""
         plugin, noise, sums = self.plugin, self.noise_std, answers[0]
         measured, rounding = moments_of(sums), probed / self.sine
@@ -228,7 +228,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         )
         chosen = self.choice(noise, DEGREE) + self.choice(noise, DEGREE - 2)
         left = mean[:3].max() + chosen[0], covariance[:3, :3].max() + chosen[1]
-        least = float(np.trace(self.bound(noise)))
+        least = np.trace(self.bound(noise))
         rows = [
             *limit(stat.PROBE(unit="rad"), probed, TOLERANCE, stat.TRUTH, n=1),
             *failure_rows(self),
@@ -262,7 +262,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     @property
     def sine(self) -> float:
         """Sine between its references, by which rounding turns an estimate more."""
-        return TOLERANCE / float(allowed([v[None] for v in self.truth])[0])
+        return TOLERANCE / allowed([v[None] for v in self.truth])[0]
 
     @property
     def weighs(self) -> bool:
@@ -292,13 +292,12 @@ class Attitudes(Problem[Estimator, float, Trials]):
             C, along = self.roots[i] @ self.roots[i], self.truth[i]
             plane = np.linalg.svd(along[None])[2][1:]  # two directions across
             least = np.linalg.eigvalsh(plane @ C @ plane.T)[0]
-            total += float(np.linalg.norm(plane @ C @ along) / least)
+            total += np.linalg.norm(plane @ C @ along) / least
         return total
 
     def covariances(self, noise_std: float) -> Float[Array, "m 3 3"]:
         """Covariance of each vector's noise."""
-        scaled: Array = noise_std**2 * self.roots @ self.roots
-        return scaled
+        return noise_std**2 * self.roots @ self.roots
 
     def bound(self, noise_std: float) -> Float[Array, "3 3"]:
         """Cramer-Rao bound of the rotation error, body side, rad^2.
@@ -312,7 +311,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def drawn(self, count: int, rng: np.random.Generator) -> Float[Array, "count m 3"]:
         """Vectors of some trials."""
         normal = rng.standard_normal((count, *self.truth.shape))
-        noise: Array = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
+        noise = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
         return self.truth + noise
 
     def first_block(self) -> Float[Array, "n m 3"]:
@@ -395,7 +394,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def weights(self) -> float:
         """Sum of the sizes of the weights of cubature: what rounding grows by."""
         _, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
-        return float(np.abs(weights).sum())
+        return np.abs(weights).sum()
 
     @property
     def scatter(self) -> float:
@@ -426,8 +425,9 @@ def require_fitting(plugin: Estimator, vectors: int, noise: VectorNoise) -> None
         raise PluginError(msg)
     if plugin.reference is not None and not noise.exact_references:
         msg = (
-            f'{plugin.name} declares reference="{plugin.reference}", which it does not '
-            "measure, and `noise` gives the references noise; take one that does not"
+            f'{plugin.name} declares reference="{plugin.reference}", so its '
+            "references are exact, but `noise` gives them noise; choose a "
+            "noise that does not"
         )
         raise PluginError(msg)
 
@@ -494,7 +494,7 @@ class Parameters(AlgorithmParameters):
         return self
 
 
-def failure_rows(problem: Attitudes) -> tuple[Row, ...]:
+def failure_rows(problem: Attitudes) -> Rows:
     """Share of failures of each class; one that is declared is not judged.
 
     None is where weights differ so much that they lose the digits of all estimators.
@@ -514,27 +514,26 @@ def failure_rows(problem: Attitudes) -> tuple[Row, ...]:
 
 def bias_rows(
     problem: Attitudes, predicted: MeanAndCovariance, coarser: MeanAndCovariance
-) -> tuple[Row, ...]:
+) -> Rows:
     """Bias by cubature, and the most that is of second order."""
     mean, covariance = predicted
-    unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
+    unresolved = 2.0 * np.linalg.norm((mean - coarser[0])[:3])
     small = problem.noise.small(SMALL).noise_std
     rounding = SMALL_ROUNDING * max(1.0, problem.weights / WEIGHTS)
     longer = 1.0 + problem.coupling
     chosen = [problem.choice(h, DEGREE)[0] for h in (problem.noise_std, small)]
     most = (
-        longer * float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
-        longer * float(np.trace(problem.bound(small))) + rounding,
+        longer * np.trace(covariance[:3, :3]) + unresolved + TOLERANCE,
+        longer * np.trace(problem.bound(small)) + rounding,
     )
     biases = [
-        float(np.linalg.norm(bias[:3]))
-        for bias in (mean, problem.cubature(small, DEGREE)[0])
+        np.linalg.norm(bias[:3]) for bias in (mean, problem.cubature(small, DEGREE)[0])
     ]
     families = (stat.CUBATURE_BIAS(), stat.CUBATURE_BIAS_SMALL())
     return limit(families, biases, np.add(most, chosen), stat.SECOND_ORDER, n=1)
 
 
-def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
+def leading_rows(problem: Attitudes, rounding: float) -> Rows:
     """Rows of moments at a noise and at half of it; `rounding` of one estimate, rad."""
     near = min(1.0, 10.0 * problem.sine)  # the sums are in h over the sine
     sizes = [problem.noise.small(near * h).noise_std for h in (NOISE, *NEARER)]
@@ -548,16 +547,16 @@ def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
     bias = A @ (16.0 * half[0] - whole[0])[:3] / 3.0
     covariance = A @ ((16.0 * half[1] - whole[1])[:3, :3] / 3.0) @ A.T
     bound = problem.bound(noise)
-    size = float(np.trace(bound))
+    size = np.trace(bound)
     most = LEADING_TOLERANCE + 5.0 * weights * rounding / np.sqrt(size)
-    first = float(np.linalg.norm(linear)) / np.sqrt(size)
+    first = np.linalg.norm(linear) / np.sqrt(size)
     below = max(0.0, 1.0 - _least_ratio(covariance, bound))
     rows = limit(stat.FIRST_ORDER_BIAS(), first, most, stat.NO_BIAS, n=1)
     rows += limit(stat.BELOW_BOUND(), below, most, stat.CRAMER_RAO, n=1)
     if problem.noise.isotropic and np.ptp(problem.noise.weights) and problem.weighs:
         given = problem.q, problem.references, problem.covariances(noise)
-        equal = float(np.trace(class_moments("wahba", *given)[1]))
-        over = float(np.trace(covariance)) / equal
+        equal = np.trace(class_moments("wahba", *given)[1])
+        over = np.trace(covariance) / equal
         rows += limit(
             stat.OVER_EQUAL_WEIGHTS(), over, 1.0 + most, stat.EQUAL_WEIGHTS, n=1
         )
@@ -569,8 +568,8 @@ def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
     for predictor, mean, spread in _predictions(problem, noise, A):
         # which is the bound's size or more, where it is the theory of an estimator
         most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
-        off = float(np.linalg.norm(covariance - spread) / most_spread)
-        apart = float(np.linalg.norm(bias - mean)) / size, off
+        off = np.linalg.norm(covariance - spread) / most_spread
+        apart = np.linalg.norm(bias - mean) / size, off
         rows += limit(
             (stat.CLASS_BIAS(), stat.CLASS_COVARIANCE()), apart, limits, predictor, n=1
         )
@@ -605,4 +604,4 @@ def _least_ratio(covariance: Float[Array, "3 3"], bound: Float[Array, "3 3"]) ->
     """Least variance of any direction over the bound of its variance."""
     root = np.linalg.cholesky(bound)
     half = np.linalg.solve(root, covariance)
-    return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[0])
+    return np.linalg.eigvalsh(np.linalg.solve(root, half.T))[0]

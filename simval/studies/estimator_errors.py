@@ -34,7 +34,7 @@ from simval import statistics as stat
 from simval.arrays import Array
 from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of
-from simval.results import Row, limit, nees, plain, unjudged
+from simval.results import Rows, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.studies.trials import root
 from simval.theory.expansion import unit_length_defect, unit_length_rounding
@@ -67,7 +67,7 @@ def moment_rows(
     covariance: Float[Array, "p p"],
     predictor: str,
     left: tuple[float, float],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Bias and covariance against a prediction, and what each of them leaves out."""
     n, upper = measured.samples, np.triu_indices(3)
     pairs = [
@@ -85,18 +85,18 @@ def moment_rows(
 
 def series_rows(
     measured: Moments, cubature: MeanAndCovariance, second: Moments, fourth: Moments
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of simulated moments against power series of orders 2 and 4."""
     mean, covariance = cubature[0][:3], cubature[1][:3, :3]
     left = (
-        2.0 * float(np.abs(mean - fourth.bias).max()),
-        2.0 * float(np.abs(covariance - fourth.covariance).max()),
+        2.0 * np.abs(mean - fourth.bias).max(),
+        2.0 * np.abs(covariance - fourth.covariance).max(),
     )
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for theory, name in ((second, stat.ORDER_2), (fourth, stat.ORDER_4)):
         apart = (
-            float(np.abs(theory.bias - fourth.bias).max()) + left[0],
-            float(np.abs(theory.covariance - fourth.covariance).max()) + left[1],
+            np.abs(theory.bias - fourth.bias).max() + left[0],
+            np.abs(theory.covariance - fourth.covariance).max() + left[1],
         )
         rows += moment_rows(measured, theory.bias, theory.covariance, name, apart)
     return rows
@@ -108,7 +108,7 @@ def size_rows(
     least: float,
     rounding: tuple[float, float],
     chosen: float,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of sums, against cubature and the next lower one.
 
     `least` is the trace of the bound, rad^2; `rounding` that of one estimate, rad, and
@@ -122,8 +122,8 @@ def size_rows(
     fine, coarse = (moments[0][SQUARES] for moments in cubatures)
     if chosen > 0.0:
         coarse = fine + np.abs(coarse - fine) + np.array([chosen / 2.0, 0.0])
-    efficiency = least / float(fine[0])
-    left = 2.0 * abs(efficiency - least / float(coarse[0]))
+    efficiency = least / fine[0]
+    left = 2.0 * abs(efficiency - least / coarse[0])
     return (
         *unjudged(
             stat.RMS(unit="rad"), *root(square, error), n,
@@ -141,18 +141,18 @@ def size_rows(
 
 def _tail_row(
     square: float, n: int, cubature: MeanAndCovariance, coarse: Float[Array, "2"]
-) -> tuple[Row, ...]:
+) -> Rows:
     """Mean square over cubature's, with the standard error that cubature gives it.
 
     The trials' own is no measure: rare ones that are far off make both great.
     """
     mean, covariance = cubature
-    fine = float(mean[SQUARES][0])
-    gaussian = 2.0 * float(np.sum(covariance[:3, :3] ** 2))
-    variance = max(gaussian, float(covariance[SQUARES, SQUARES][0, 0]))
+    fine = mean[SQUARES][0]
+    gaussian = 2.0 * np.sum(covariance[:3, :3] ** 2)
+    variance = max(gaussian, covariance[SQUARES, SQUARES][0, 0])
     return plain(
         stat.SQUARED_ERROR(), square / fine, np.sqrt(variance / n) / fine, n,
-        1.0, stat.CUBATURE, 2.0 * abs(1.0 - float(coarse[0]) / fine),
+        1.0, stat.CUBATURE, 2.0 * abs(1.0 - coarse[0] / fine),
     )  # fmt: skip
 
 
@@ -162,13 +162,13 @@ def _difference_rows(
     coarse: Float[Array, "2"],
     rounding: float,
     weights: float,
-) -> tuple[Row, ...]:
+) -> Rows:
     """RMS error against that of least squares, by eq. (D1)."""
 
     def difference(squares: Float[Array, "2"]) -> float:
         # a cubature has negative weights: of what jumps its sum may be negative, too
         own, other = np.sqrt(np.maximum(squares, 0.0))
-        return float(own - other)
+        return own - other
 
     measured = moments_of(sums)
     squares = measured.bias[SQUARES]
@@ -187,16 +187,14 @@ def _difference_rows(
     )  # fmt: skip
 
 
-def unit_rows(
-    truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]
-) -> tuple[Row, ...]:
+def unit_rows(truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]) -> Rows:
     """Test of the mean and mean square of some trials against unit length."""
     # with the truth's sign
     error = truth - np.copysign(1.0, attitudes @ truth)[:, None] * attitudes
     estimate = truth - error
-    off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())
-    square = float(np.mean(np.sum(error * error, axis=1)))
-    defect = unit_length_defect(square, float(truth @ error.mean(axis=0)))
+    off = np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max()
+    square = np.mean(np.sum(error * error, axis=1))
+    defect = unit_length_defect(square, truth @ error.mean(axis=0))
     most = unit_length_rounding(square, off)
     n = len(attitudes)
     return limit(stat.UNIT_LENGTH("simulated"), abs(defect), most, stat.ROUNDING, n)
@@ -204,7 +202,7 @@ def unit_rows(
 
 def claim_off(moments: MeanAndCovariance) -> float:
     """Relative error of the mean normalised square, whose true value is 3."""
-    return float(moments[0][3]) / 3.0 - 1.0
+    return moments[0][3] / 3.0 - 1.0
 
 
 def claim_rows(
@@ -215,7 +213,7 @@ def claim_rows(
     unresolved: float,
     covariance: Float[Array, "3 3"],
     rounding: float,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Mean normalised square, and whether the claimed order is true.
 
     The claim is `off` by cubature, as far as that resolves, and by `half` at half the

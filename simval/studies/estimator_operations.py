@@ -19,10 +19,9 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import PluginError
 from simval.geometry import attitude_error, normalize
 from simval.plugins import Estimator
@@ -37,9 +36,9 @@ from simval.plugins.attitudes import (
     tail,
 )
 from simval.plugins.child import where_it_lives
-from simval.plugins.noise import VectorNoise
+from simval.plugins.noise import VectorNoise, Vectors
 from simval.plugins.probe import TOLERANCE, Exact, allowed
-from simval.results import Row, limit, unjudged
+from simval.results import Rows, limit, unjudged
 from simval.shapes import Float, Int
 from simval.text import raised
 
@@ -68,7 +67,10 @@ class Counted:
         if power == 0.5:
             return self.sqrt()
         if power not in (2, 3, 4):
-            msg = f"power {power}; a root is ** 0.5, and products are written out"
+            msg = (
+                f"power {power} is not counted; write a root as ** 0.5, and "
+                "products as products"
+            )
             raise TypeError(msg)
         Counted.done["products"] += int(power) - 1
         return Counted(self.value**power)
@@ -104,7 +106,7 @@ for work, kind in (
     setattr(Counted, f"__r{work.__name__}__", _operation(kind, True, work))
 
 
-def operation_rows(plugin: Estimator, vectors: int) -> tuple[Row, ...]:
+def operation_rows(plugin: Estimator, vectors: int) -> Rows:
     """Rows of a plug-in's operations; none if it gives no `arithmetic`.
 
     The fewest, median and most of all problems, and the kinds of the median one.
@@ -141,16 +143,14 @@ PROMISED: Final = 1e-3
 """Least sine of the class "nearly parallel"."""
 
 
-def rounding_rows(
-    plugin: Estimator, vectors: int, noise: VectorNoise
-) -> tuple[Row, ...]:
+def rounding_rows(plugin: Estimator, vectors: int, noise: VectorNoise) -> Rows:
     """Rows of the greatest error without noise at each sine, of two free vectors.
 
     It is pi where an answer is no attitude.
     """
     if vectors != 2 or plugin.fixed is not None:
         return ()
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for sine in SINES:
         q, r1, other = random_case(COUNT, np.random.default_rng(COUNT))
         across = normalize(np.cross(r1, other))
@@ -167,8 +167,8 @@ def rounding_rows(
 
 @where_it_lives
 def _counted(
-    plugin: Estimator, vectors: list[Float[Array, "n 3"]]
-) -> tuple[Float[Array, "n ..."], Int[NDArray[np.intp], "n 4"]]:
+    plugin: Estimator, vectors: Vectors
+) -> tuple[Float[Array, "n ..."], Int[Places, "n 4"]]:
     """Answers of `arithmetic`, one row at a time, and the operations of each."""
     assert plugin.arithmetic is not None
     number = np.frompyfunc(Counted, 1, 1)

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.errors import PluginError
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
@@ -81,7 +81,7 @@ def _terms(
     given: Float[Array, "m 3 t"],
     truth: list[Array],
     noise: VectorNoise,
-) -> tuple[Float[Array, "... t"], NDArray[np.bool_]]:
+) -> tuple[Float[Array, "... t"], Mask]:
     """Terms of its answer to power series, and which entries are plain numbers."""
     tables = algebra(*size)
     rows = [[Series(own, tables) for own in v] for v in given]

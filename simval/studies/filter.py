@@ -12,25 +12,24 @@ filter then does; another filter is only shown. `simval.studies.filter_errors` s
 its errors, and what it states of them, are judged.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import InputError, UnmeasurableError
 from simval.figures import Figure, Headline, Listing, Quote, along_entry, entry, words
 from simval.imu.filters.signals import FilterInput, Told
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter, run_once
 from simval.plugins.worlds import find_world, path
-from simval.results import Row, beyond
+from simval.results import Rows, beyond
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.filter_errors import (
@@ -59,6 +58,7 @@ from simval.studies.filter_scenarios import (
     UNKNOWN,
     Course,
     Imperfect,
+    Simulated,
     Wrong,
     course,
     drawn,
@@ -115,7 +115,7 @@ class Filtering(Problem[Filter, str, Answers]):
         self.told = told_of(parameters, self.way)
 
     @cached_property
-    def draws(self) -> list[tuple[FilterInput, Float[Array, "n T 3"]]]:
+    def draws(self) -> list[Simulated]:
         """Readings and biases of each block of trials."""
         given = self.way, self.sensors, self.told, BLOCK
         return [
@@ -136,34 +136,25 @@ class Filtering(Problem[Filter, str, Answers]):
 
     def trials(self, probed: str) -> Answers:
         """Answers for all trials at the instants; some are repeated as they run."""
-        kept, late = instants(len(self.way.dt))
-        given = joined([readings for readings, _ in self.draws])
-        answers = Answers(
-            found=run_filter(self.plugin, given, kept, probed),
-            truth=self.way.attitude[kept + 1],
-            bias=np.concatenate([bias[:, kept] for _, bias in self.draws]),
-            time=self.way.time[kept],
-            late=late,
-        )
+        answers = answers_of(self.plugin, probed, self.way, self.draws)
         if self.plugin.magnetometer or "start" in self.plugin.reads:
             return answers
         return answers.from_its_own_heading()
 
-    def rows(self, probed: str, answers: Answers) -> tuple[Row, ...]:
+    def rows(self, probed: str, answers: Answers) -> Rows:
         """Its errors and what it states of them, and what they stand on."""
         parameters, plugin, way = self.parameters, self.plugin, self.way
-        kept, late = instants(len(way.dt))
         right = {"scenario": parameters.named_scenario, "algorithm": REFERENCE}
         told = parameters.model_copy(update=right), plugin.magnetometer
         theory = least = least_of(*told)
         if way.disturbed or parameters.wrong != Wrong():
-            at = kept[late], plugin.magnetometer
+            at = answers.rows, plugin.magnetometer
             theory = prediction(way, self.sensors, self.told, *at)
         known = [
             (each, second_order(way, self.sensors, each, plugin.magnetometer))
             for each in (least, theory)
         ]
-        rows = measured_rows(parameters, way, answers, known, way.rate[kept])
+        rows = measured_rows(parameters, way, answers, known)
         rows += drawn_filter_rows(way, self.sensors, self.draws)
         if parameters.reference and not parameters.anywhere and not way.disturbed:
             scenario = parameters.named_scenario
@@ -281,8 +272,7 @@ def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
         gyroscope_noise=float(np.radians(parameters.angle_random_walk)),
         gyroscope_walk=parameters.rate_random_walk,
         accelerometer_noise=parameters.accelerometer_noise * way.g,
-        magnetometer_noise=parameters.magnetometer_noise
-        * float(np.linalg.norm(way.magnetic)),
+        magnetometer_noise=parameters.magnetometer_noise * way.strength,
         start_std=UNKNOWN if parameters.anywhere else parameters.start_std,
         bias_std=parameters.bias_std,
         M=wrong.M,
@@ -304,6 +294,24 @@ def least_of(right: Parameters, magnetometer: bool) -> FilterPrediction:
     return prediction(undisturbed(way), sensors, told, kept[late], magnetometer)
 
 
+def answers_of(
+    plugin: Filter,
+    world: str,
+    way: Course,
+    draws: Sequence[Simulated],
+) -> Answers:
+    """Answers to the readings of each block, whose biases are beside them."""
+    kept, late = instants(len(way.dt))
+    given = joined([readings for readings, _ in draws])
+    return Answers(
+        found=run_filter(plugin, given, kept, world),
+        truth=way.attitude[kept + 1],
+        bias=np.concatenate([bias[:, kept] for _, bias in draws]),
+        time=way.time[kept],
+        late=late,
+    )
+
+
 def joined(parts: list[FilterInput]) -> FilterInput:
     """Trials of several blocks together."""
     several = ("gyroscope", "accelerometer", "magnetometer", "start")
@@ -314,7 +322,7 @@ def joined(parts: list[FilterInput]) -> FilterInput:
     return replace(parts[0], **whole)
 
 
-def instants(steps: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def instants(steps: int) -> tuple[Places, Places]:
     """Rows that are kept, the instants and the row before each, and places of them."""
     late = np.unique(np.linspace(0, steps - 1, INSTANTS + 1).astype(np.intp)[1:])
     late = late[late > 0]
@@ -327,8 +335,7 @@ def measured_rows(
     way: Course,
     answers: Answers,
     known: list[tuple[FilterPrediction, Float[Array, " i"]]],
-    rate: Float[Array, "k 3"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of a filter's answers, against the bound and what theory predicts.
 
     `known` is that of right settings and of those that are told, with the square of the
@@ -338,7 +345,7 @@ def measured_rows(
     first_order = not (parameters.anywhere or way.disturbed)
     judged = first_order and parameters.wrong == Wrong() and not answers.shifted
     bound = least.told[:, :3, :3]
-    square = np.trace(bound, axis1=1, axis2=2) / 3.0
+    square = np.linalg.trace(bound) / 3.0
     over = bends(left, added(least, stat.NEES(), 3)) / 3.0  # of the error's square
     over += np.sqrt(np.mean(least.rms() ** 2) / np.mean(square)) - 1.0
     rows = [
@@ -347,7 +354,7 @@ def measured_rows(
         *lost_row(answers, judged),
     ]
     if not parameters.reference:  # whose own tests know it
-        rows += diagnosis_rows(answers, rate, bound, judged)
+        rows += diagnosis_rows(answers, way.rate[answers.found.kept], bound, judged)
     turns = max((least.nees() - 6.0).max(), (least.nis - least.nis_size).max())
     turned = moved("what averages leave out of the turns", turns, "chi-square")
     found = beyond(rows, moved("the second order", left.max()) or turned)
@@ -365,7 +372,7 @@ def measured_rows(
 
 def moved(cause: str, square: float, law: str = "theory") -> str:
     """Why a law does not hold: an estimate is moved too far; empty where it holds."""
-    by = float(np.sqrt(max(square, 0.0)))
+    by = np.sqrt(max(square, 0.0))
     why = f"{cause} may move an estimate by {by:.2g} standard deviations; {law}"
     return f"{why} holds up to {MOST_MOVED:g}" if by > MOST_MOVED else ""
 

@@ -27,10 +27,9 @@ from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.consistency import (
     diverged,
     heading_and_inclination,
@@ -44,7 +43,7 @@ from simval.consistency import (
 )
 from simval.geometry import attitude_matrix, compose
 from simval.imu.filters.signals import FilterOutput
-from simval.results import Row, limit, nees, plain, unjudged
+from simval.results import Row, Rows, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.theory import FilterPrediction
 
@@ -91,8 +90,13 @@ class Answers:
     truth: Float[Array, "k 4"]  # at the rows that were kept
     bias: Float[Array, "n k 3"]
     time: Float[Array, " k"]  # s
-    late: NDArray[np.intp]  # places of the instants among the rows kept
+    late: Places  # places of the instants among the rows kept
     shifted: bool = False  # whether its headings count from its own first one
+
+    @property
+    def rows(self) -> Places:
+        """Rows of the readings at the instants."""
+        return self.found.kept[self.late]
 
     @cached_property
     def error(self) -> Float[Array, "n i 3"]:
@@ -103,7 +107,7 @@ class Answers:
     @cached_property
     def angle(self) -> Float[Array, "n i"]:
         """Their sizes."""
-        return np.asarray(np.linalg.norm(self.error, axis=-1))
+        return np.linalg.norm(self.error, axis=-1)
 
     def from_its_own_heading(self) -> "Answers":
         """The same, each trial turned about the vertical so that it starts right."""
@@ -116,7 +120,7 @@ class Answers:
         turned = compose(np.broadcast_to(back, q.shape), q)
         return replace(self, found=replace(self.found, attitude=turned), shifted=True)
 
-    def whitened(self, rows: NDArray[np.intp]) -> Float[Array, "n i m"] | None:
+    def whitened(self, rows: Places) -> Float[Array, "n i m"] | None:
         """Innovations of some rows over their covariance, where they are stated."""
         nu, S = self.found.innovation, self.found.innovation_covariance
         return None if nu is None or S is None else whitened(nu[:, rows], S[:, rows])
@@ -143,7 +147,7 @@ class Answers:
             each += [(stat.NIS(), white.shape[-1], np.vecdot(white, white))]
         return each
 
-    def shown(self) -> tuple[NDArray[np.intp], list[str]]:
+    def shown(self) -> tuple[Places, list[str]]:
         """Places of the instants that are shown, among them the last, and times."""
         time = self.time[self.late]
         places = np.unique(np.linspace(0, len(time) - 1, SHOWN).astype(np.intp))
@@ -155,7 +159,7 @@ def error_rows(
     bound: Float[Array, "i 3 3"],
     judged: bool,
     left: Array | float = 0.0,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Errors against the bound, heading and inclination apart, in all and at instants.
 
     Judged is that the error reaches the bound.
@@ -163,9 +167,9 @@ def error_rows(
     late, angle = answers.late, answers.angle
     estimate, truth = answers.found.attitude[:, late], answers.truth[late]
     heading, inclination = heading_and_inclination(estimate, truth)
-    square = np.trace(bound, axis1=-2, axis2=-1)
-    whole, least = float(np.sqrt(square.mean())), np.sqrt(square)
-    over = OVER + float(np.mean(left))
+    square = np.linalg.trace(bound)
+    whole, least = np.sqrt(square.mean()), np.sqrt(square)
+    over = OVER + np.mean(left)
     check = partial(plain, remainder=over * whole) if judged else unjudged
     rms, error, n = root_mean_square(angle)
     rows = [
@@ -177,9 +181,9 @@ def error_rows(
     most = np.maximum(SETTLED * least, ENOUGH)
     settled = settled_at(angle, answers.time[late], most)
     ended = np.isfinite(settled)
-    rows += unjudged(stat.SETTLING_TRIALS(), float(ended.mean()), 0.0, len(settled))
+    rows += unjudged(stat.SETTLING_TRIALS(), ended.mean(), 0.0, len(settled))
     if ended.any():
-        middle = float(np.median(settled[ended]))
+        middle = np.median(settled[ended])
         rows += unjudged(stat.SETTLING(), middle, 0.0, int(ended.sum()))
     shown, at = answers.shown()
     return (
@@ -195,10 +199,10 @@ def over_bound_rows(
     bound: Float[Array, "i 3 3"],
     prediction: Float[Array, " i"],
     predictor: str,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Errors of the instants over the bound, against a prediction of that."""
     shown, _ = answers.shown()
-    least = np.sqrt(np.trace(bound, axis1=-2, axis2=-1))[shown]
+    least = np.sqrt(np.linalg.trace(bound))[shown]
     rows = at_each_row(stat.RMS_OVER_BOUND_AT, answers, answers.angle, root_mean_square)
     return tuple(
         replace(
@@ -217,30 +221,30 @@ def consistency_rows(
     judged: bool,
     left: Array | float = 0.0,
     least: FilterPrediction | None = None,
-) -> tuple[Row, ...]:
+) -> Rows:
     """NEES, NIS and the correlation of innovations, judged or only shown.
 
     A square may have more by the second order, whose own square is `left`, and, as
     theory has it of right settings, `least`, by what averages leave out of the turns.
     """
     rows: list[Row] = []
-    pairs_left = RELATIVE + float(np.mean(bends(left, 0.0)))
+    pairs_left = RELATIVE + np.mean(bends(left, 0.0))
     for statistic, dimension, squares in answers.squares:
         mean, of = mean_of_trials(squares), (float(dimension), stat.CHI_SQUARE)
         turns = added(least, statistic, dimension) if least else np.zeros(1)
         more = turns + bends(left, turns)
-        may = RELATIVE * dimension + float(more.mean())
+        may = RELATIVE * dimension + more.mean()
         check = partial(nees, remainder=may) if judged else unjudged
         rows += check(statistic, *mean, *of)
         if statistic == stat.NIS():  # the sum of two alike has it twice
-            pairs_left += 2.0 * float(turns.mean()) / dimension
+            pairs_left += 2.0 * turns.mean() / dimension
         if judged and statistic.family == stat.NEES:
-            worst = float(np.abs(instant_scores(squares, dimension)).max())
+            worst = np.abs(instant_scores(squares, dimension)).max()
             name = statistic.entries[0] if statistic.entries else ATTITUDE
             n = len(squares)
             # about a mean that is not 0 a square spreads more
-            most = WORST * np.sqrt(1.0 + 2.0 * float(turns.max()) / dimension)
-            most += float(more.max()) * np.sqrt(n / (2.0 * dimension))
+            most = WORST * np.sqrt(1.0 + 2.0 * turns.max() / dimension)
+            most += more.max() * np.sqrt(n / (2.0 * dimension))
             rows += limit(stat.WORST_INSTANT(name), worst, most, stat.CHI_SQUARE, n)
         if statistic == stat.NEES():
             rows += at_each_row(stat.NEES_AT, answers, squares, mean_of_trials)
@@ -257,21 +261,21 @@ def predicted_rows(
     theory: FilterPrediction,
     judged: bool,
     left: Array | float = 0.0,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Errors of the reference filter against what theory says that they are.
 
     Judged where the whole error stays small enough for the first order.
     """
-    moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
-    root = float(np.sqrt(moment.mean()))
+    moment = np.linalg.trace(theory.second_moment[:, :3, :3])
+    root = np.sqrt(moment.mean())
     measured = [(stat.RMS(unit="rad"), root_mean_square(answers.angle), root)]
     for statistic, dimension, squares in answers.squares:
-        known = dimension + float(added(theory, statistic, dimension).mean())
+        known = dimension + added(theory, statistic, dimension).mean()
         measured.append((statistic, mean_of_trials(squares), known))
     steady = normalised_squares(theory.mean[:, :3], theory.told[:, :3, :3])
-    over = OVER + float(bends(left, steady).mean() / theory.nees(3).mean())
+    over = OVER + bends(left, steady).mean() / theory.nees(3).mean()
     check = plain if judged else unjudged
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for statistic, mean, expected in measured:
         rows += check(
             statistic, *mean, expected, stat.CARRIED, remainder=over * expected
@@ -301,7 +305,7 @@ def at_each_row(
     answers: Answers,
     values: Float[Array, "n k"],
     mean: Callable[[Float[Array, "n 1"]], tuple[float, float, int]],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of each instant that is shown by itself."""
     shown, at = answers.shown()
     each = [mean(values[:, k : k + 1]) for k in shown]
@@ -309,10 +313,10 @@ def at_each_row(
     return unjudged([family(ATTITUDE, t) for t in at], value, error, n[0])
 
 
-def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
+def lost_row(answers: Answers, judged: bool) -> Rows:
     """Share of trials that diverge: beyond thirty degrees in their second half."""
     angle = answers.angle
-    share, n = float(diverged(angle, since=angle.shape[1] // 2).mean()), len(angle)
+    share, n = diverged(angle, since=angle.shape[1] // 2).mean(), len(angle)
     if judged:
         return limit(stat.DIVERGED(), share, 0.0, stat.NORMAL, n)
     return unjudged(stat.DIVERGED(), share, 0.0, n)
@@ -321,15 +325,15 @@ def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
 def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
     """Root mean square over all, its standard error by trials, and their count."""
     square, error, n = mean_of_trials(values**2)
-    root = float(np.sqrt(square))
+    root = np.sqrt(square)
     return root, error / (2.0 * root) if root > 0.0 else 0.0, n
 
 
-def budget_rows(answers: Answers, theory: FilterPrediction) -> tuple[Row, ...]:
+def budget_rows(answers: Answers, theory: FilterPrediction) -> Rows:
     """Contribution of each source to the predicted error, where there is one."""
     rows: list[Row] = []
     shown, at = answers.shown()
-    variances = np.trace(theory.parts[:, :, :3, :3], axis1=2, axis2=3)
+    variances = np.linalg.trace(theory.parts[:, :, :3, :3])
     known = np.sum(theory.mean[:, :3] ** 2, axis=1)
     several = (*zip(theory.names, variances, strict=True), ("known errors", known))
     whole = variances.sum(axis=0) + known
@@ -346,7 +350,7 @@ def diagnosis_rows(
     rate: Float[Array, "k 3"],
     bound: Float[Array, "i 3 3"],
     judged: bool,
-) -> tuple[Row, ...]:
+) -> Rows:
     """Common error of all trials, by its form, and the stated covariance of parts.
 
     Judged are an error below the bound and, without a covariance, a form that is most
@@ -356,27 +360,27 @@ def diagnosis_rows(
     n, A = len(e), attitude_matrix(answers.truth[late])
     mounting = np.broadcast_to(np.eye(3), A.shape)
     forms = A[:, :, :2], A[:, :, 2:], mounting, -rate[late][:, :, None]
-    mean, square = e.mean(axis=0), float(np.mean(np.sum(e**2, axis=-1)))
+    mean, square = e.mean(axis=0), np.mean(np.sum(e**2, axis=-1))
     # the mean of n has a share 1/n of the variance by chance
     chance = np.sum(e.var(axis=0, ddof=1), axis=-1) / n
-    shared = max(float(np.mean(np.sum(mean**2, axis=-1) - chance)), 0.0)
+    shared = max(np.mean(np.sum(mean**2, axis=-1) - chance), 0.0)
     share = shared / square if square > 0.0 else 0.0
     rows = [*unjudged(stat.SYSTEMATIC(), share, 0.0, n)]
-    total, most = float(np.sum(mean**2)), 0.0
+    total, most = np.sum(mean**2), 0.0
     for name, X in zip(FORMS, forms, strict=True):
         flat = X.reshape(-1, X.shape[-1])
         inverse = np.linalg.pinv(flat)
         each = e.reshape(n, -1) @ inverse.T
         value, left = each.mean(axis=0), mean.ravel() - flat @ each.mean(axis=0)
-        explained = 1.0 - float(left @ left) / total if total > 0.0 else 0.0
-        size = float(np.linalg.norm(value))
-        signed = float(value[0]) if len(value) == 1 else size
-        error = float(np.linalg.norm(each.std(axis=0, ddof=1)) / np.sqrt(n))
+        explained = 1.0 - (left @ left) / total if total > 0.0 else 0.0
+        size = np.linalg.norm(value)
+        signed = value[0] if len(value) == 1 else size
+        error = np.linalg.norm(each.std(axis=0, ddof=1)) / np.sqrt(n)
         rows += unjudged(stat.SYSTEMATIC(name), share * max(explained, 0.0), 0.0, n)
         most = max(most, explained)
         unit = "s" if name == "delay" else "rad"
         rows += unjudged(stat.CONSTANT(name, unit=unit), signed, error, n)
-    whole = float(np.sqrt(np.trace(bound, axis1=1, axis2=2).mean()))
+    whole = np.sqrt(np.linalg.trace(bound).mean())
     rms, error, _ = root_mean_square(answers.angle)
     if judged and answers.found.covariance is None:
         cause = share * most if most >= MOST else 0.0
@@ -389,14 +393,14 @@ def diagnosis_rows(
 
 def _stated(
     answers: Answers, A: Float[Array, "i 3 3"], bound: Float[Array, "i 3 3"]
-) -> tuple[Row, ...]:
+) -> Rows:
     # heading and inclination apart, in the world, and each reading's innovation
     rows: list[Row] = []
     P = answers.found.covariance
     if P is not None:
         parts = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
         own, least = (
-            np.diagonal(A.swapaxes(-1, -2) @ each @ A, axis1=-2, axis2=-1)
+            np.linalg.diagonal(A.mT @ each @ A)
             for each in (P[:, answers.late, :3, :3], bound)
         )
         error = (answers.error[..., None, :] @ A)[..., 0, :] ** 2
@@ -408,7 +412,7 @@ def _stated(
     nu, S = answers.found.innovation, answers.found.innovation_covariance
     if nu is not None and S is not None:
         late = answers.late
-        ratio = nu[:, late] ** 2 / np.diagonal(S[:, late], axis1=2, axis2=3)
+        ratio = nu[:, late] ** 2 / np.linalg.diagonal(S[:, late])
         for j in range(ratio.shape[-1]):
             mean = mean_of_trials(ratio[..., j])
             rows += unjudged(stat.PART_OF_INNOVATION(str(j + 1)), *mean, 1.0)

@@ -20,20 +20,20 @@ from dataclasses import asdict, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.geometry import attitude_matrix, compose, conjugate, rotation_vector
 from simval.imu.filters.signals import FilterInput, Told
 from simval.imu.recorded import Alignment
 from simval.imu.recorded.evaluation import resting
 from simval.imu.recorded.settings import Signals, Start
+from simval.moments import deviations
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter
-from simval.results import MAX_REMAINDER, Row, beyond, exact
+from simval.results import MAX_REMAINDER, Rows, beyond, exact
 from simval.shapes import Float
-from simval.studies.filter_scenarios import Course, Imperfect, course, drawn
+from simval.studies.filter_scenarios import Course, Imperfect, Simulated, course, drawn
 from simval.studies.response import apart
 from simval.studies.trials import Drawn, drawn_rows
 from simval.theory import (
@@ -56,7 +56,7 @@ def prediction(
     way: Course,
     sensors: Imperfect,
     told: Told,
-    instants: NDArray[np.intp],
+    instants: Places,
     magnetometer: bool = True,
     left: Sequence[Error] = (),
 ) -> FilterPrediction:
@@ -65,7 +65,7 @@ def prediction(
     With what is `left` of calibrations beside the gyroscope's own.
     """
     truth = model_of(sensors.told(way), magnetometer)
-    path = FilterPath(dt=way.dt, attitude=way.attitude)
+    path = way.path
     calibration = CalibrationError(
         of=GYROSCOPE,
         value=(sensors.M - np.eye(3)).ravel(),
@@ -91,7 +91,7 @@ def missed(way: Course) -> Float[Array, "T 3"]:
     S, q = way.rate * way.dt[:, None], way.attitude
     phi = S + np.cross(np.concatenate([np.zeros((1, 3)), S[:-1]]), S) / 12.0
     turn = rotation_vector(compose(conjugate(q[:-1]), q[1:]))
-    return np.asarray((phi - turn) / way.dt[:, None])
+    return (phi - turn) / way.dt[:, None]
 
 
 def second_order(
@@ -101,7 +101,7 @@ def second_order(
     first = FilterPath(dt=way.dt[:1], attitude=way.attitude[:2])
     model = model_of(sensors.told(way), magnetometer)
     (start,) = filter_prediction(first, model, told=model).second_order
-    return np.asarray(theory.second_order**2 + start**2 / (1.0 + theory.kept))
+    return theory.second_order**2 + start**2 / (1.0 + theory.kept)
 
 
 def model_of(told: Told, magnetometer: bool) -> FilterModel:
@@ -149,7 +149,7 @@ def six_axis_bound(
     first[:3, :3] = start.told.start_std**2 * level @ level.T
     path = FilterPath(dt=np.diff(time), attitude=q)
     body = filter_bound(path, replace(model, start=first)).covariance[:, :3, :3]
-    square = np.diagonal(A.swapaxes(1, 2) @ body @ A, axis1=1, axis2=2)[there[1:]]
+    square = np.linalg.diagonal(A.mT @ body @ A)[there[1:]]
     rest = resting(found)[start.row + 1 :][there[1:]]
     parts = {"all": np.ones_like(rest), "rest": rest, "moving": ~rest}
     return {
@@ -183,8 +183,8 @@ was 0.08, and 0.4 with readings of 1e-6 beside 0.1 (`tests/studies/test_filter.p
 def drawn_filter_rows(
     way: Course,
     sensors: Imperfect,
-    parts: Sequence[tuple[FilterInput, Float[Array, "n T 3"]]],
-) -> tuple[Row, ...]:
+    parts: Sequence[Simulated],
+) -> Rows:
     """The noise of each sensor, in units of what the parameters say."""
     return drawn_rows([_noise(way, sensors, *part) for part in parts])
 
@@ -209,7 +209,7 @@ def _noise(
 
 def stated_row(
     plugin: Filter, told: Told, world: str, scenario: tuple[str, float]
-) -> tuple[Row, ...]:
+) -> Rows:
     """The covariance that is stated without noise, against the bound's recursion."""
     way = course(*scenario, SECONDS)
     given = FilterInput(
@@ -223,11 +223,11 @@ def stated_row(
     kept = np.arange(EVERY - 1, len(way.dt), EVERY)
     stated = run_filter(plugin, given, kept, world).covariance
     assert stated is not None  # the reference filter states one
-    path = FilterPath(dt=way.dt, attitude=way.attitude)
+    path = way.path
     model = model_of(told, plugin.magnetometer)
     known = filter_prediction(path, model, told=model, keep=kept).told
     off = max(apart(a, b) for a, b in zip(stated[0], known, strict=True))
-    h, turn = float(way.dt.max()), float(np.linalg.norm(way.rate, axis=1).max())
+    h, turn = way.dt.max(), np.linalg.norm(way.rate, axis=1).max()
     # the filter's turn and bias of a step share K^2 h^2/2, theory's J(-phi) of it
     walked = turn * h / 2.0 * told.gyroscope_walk**2 * h * SECONDS / 2.0
     left = max(_turned_by(own, h) + _shared_by(own, walked, turn * h) for own in known)
@@ -238,15 +238,15 @@ def stated_row(
 
 def _shared_by(P: Float[Array, "6 6"], walked: float, turn: float) -> float:
     # of a covariance of turn and bias, which is at most the deviations' product
-    sd = np.sqrt(np.diagonal(P))
-    return float(min(walked / (sd[:3].min() * sd[3:].min()), turn / 2.0))
+    sd = deviations(P)
+    return min(walked / (sd[:3].min() * sd[3:].min()), turn / 2.0)
 
 
 def _turned_by(P: Float[Array, "6 6"], h: float) -> float:
     # its greatest change by a turn of the axes: what is unsure comes into an axis, and,
     # squared, into the best known direction, before information adds up
     turn, sd = LEFT_OUT * h**2, np.sqrt(np.diagonal(P)[:3])
-    return float(turn * sd.max() / sd.min() + turn**2 * np.linalg.cond(P[:3, :3]))
+    return turn * sd.max() / sd.min() + turn**2 * np.linalg.cond(P[:3, :3])
 
 
 Make = Callable[..., Any]
@@ -266,21 +266,19 @@ NEXT: Final = 0.25
 were 3.03 and 3.00; of second order, 2.00."""
 
 
-def response_rows(make: Make, scenario: str) -> tuple[Row, ...]:
+def response_rows(make: Make, scenario: str) -> Rows:
     """Covariance by the response to each noise, and as stated; order of the turns."""
     way = course(scenario, RATE, RESPONSE_SECONDS)
     model = model_of(SENSORS.told(way), True)
-    path = FilterPath(dt=way.dt, attitude=way.attitude)
+    path = way.path
     end = np.array([len(way.dt) - 1])
     bound = filter_prediction(path, model, told=model, keep=end).told[0]
     off = [apart(covariance, bound) for covariance in moved_and_stated(make, way)]
-    left = _turned_by(bound, float(way.dt.max()))
+    left = _turned_by(bound, way.dt.max())
     statistics = stat.COVARIANCE_OFF.each(("moved", "stated while the bias walks"))
     rows = exact(statistics, off, 0.0, stat.CRAMER_RAO, left)
     if way.rate.any():
-        order = float(
-            np.log2(lost(make, scenario, RATE / 2.0) / lost(make, scenario, RATE))
-        )
+        order = np.log2(lost(make, scenario, RATE / 2.0) / lost(make, scenario, RATE))
         rows += exact(stat.TURN_ORDER(), order, CONING_ORDER, stat.TRUTH, NEXT)
     return rows
 

@@ -57,6 +57,7 @@ from simval.geometry import (
 from simval.imu.filters.signals import FilterInput, Told
 from simval.scene import average_rates, simulate_cached
 from simval.shapes import Float
+from simval.theory import FilterPath
 
 MOST: Final = MappingProxyType(
     {
@@ -165,8 +166,8 @@ def scenario_of(text: str) -> tuple[str, Wrong]:
     name, *parts = text.split(", ")
     if name not in NAMES:
         msg = (
-            f"`scenario` is {name[:60]!r}; it must be one of {', '.join(NAMES)}, and "
-            "what is wrong may follow after a comma"
+            f"`scenario` is {name[:60]!r}; it must be one of "
+            f"{', '.join(NAMES)}, and faults may follow after a comma"
         )
         raise InputError(msg)
     return name, wrong_of(parts)
@@ -193,6 +194,16 @@ class Course(ReadOnly):
     def time(self) -> Float[Array, " T"]:
         """Time at the end of each step, s from the start."""
         return np.cumsum(self.dt)
+
+    @property
+    def path(self) -> FilterPath:
+        """The motion, for theory."""
+        return FilterPath(dt=self.dt, attitude=self.attitude)
+
+    @property
+    def strength(self) -> float:
+        """Length of the field, T."""
+        return float(np.linalg.norm(self.magnetic))
 
     @property
     def disturbed(self) -> bool:
@@ -264,7 +275,7 @@ def _iron(
     share = np.clip(3.0 * clock / clock[-1] - 1.0, 0.0, 1.0)
     near = np.where(share < 1.0, np.sin(np.pi * share) ** 2, 0.0)  # comes and goes
     world = IRON * np.linalg.norm(magnetic) * np.array([0.0, -0.8, 0.6])
-    return np.asarray(near[:, None] * (attitude_matrix(attitude) @ world))
+    return near[:, None] * (attitude_matrix(attitude) @ world)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -294,6 +305,10 @@ class Imperfect:
         )
 
 
+Simulated = tuple[FilterInput, Float[Array, "n T 3"]]
+"""Readings of some trials, and the gyroscope's bias after each step."""
+
+
 def drawn(
     course: Course,
     sensors: Imperfect,
@@ -301,8 +316,8 @@ def drawn(
     count: int,
     rng: np.random.Generator,
     anywhere: bool = False,
-) -> tuple[FilterInput, Float[Array, "n T 3"]]:
-    """Readings of some trials, and the gyroscope's bias after each step."""
+) -> Simulated:
+    """Simulated the noise of some trials."""
     shape = (count, len(course.dt), 3)
     start = _start(course, sensors.start_std, count, rng, anywhere)
     first = sensors.bias_std * rng.standard_normal((count, 1, 3))
@@ -316,7 +331,7 @@ def drawn(
     M = sensors.M + sensors.calibration_std * rng.standard_normal((count, 3, 3))
     given = FilterInput(
         dt=course.dt,
-        gyroscope=course.rate @ M.swapaxes(-1, -2) + inside + white,
+        gyroscope=course.rate @ M.mT + inside + white,
         accelerometer=course.up
         + course.acceleration
         + sensors.accelerometer_noise * force,

@@ -43,17 +43,18 @@ from simval.imu.calibrate import (
 from simval.imu.calibrate.gyroscope.noise import Weighting
 from simval.imu.calibrate.recording import Bias
 from simval.imu.sensor import GyroscopeModel
-from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
+from simval.moments import deviations
+from simval.results import Outcome, Row, Rows, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.response import apart
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, trials_of
+from simval.studies.trials import Block, Trials, drawn_rows, mean_of, trials_of
 from simval.theory.calibration import calibration_moments
 from simval.theory.coverage import bias_square, interval_coverage
-from simval.theory.gyroscope import MovePath, gyroscope_moments
+from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
 from simval.units import PPM
 
 TITLE = "Gyroscope: do the error bars of a calibration between rests hold?"
@@ -92,7 +93,6 @@ of all twelve, which is judged, by 1e-4, 4e-4 and 8e-4
 THINNED = {f"{ROWS / k:g} Hz": k for k in (1, 2, 5, 10)}
 """Rows of 500 Hz to a reading, for the order of an integrator, by the rate's name."""
 AVERAGES, STRAIGHT = "averages", "straight lines"
-NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
 UNITS = ("1",) * 9 + ("rad/s",) * 3
 
 
@@ -116,6 +116,13 @@ class Parameters(StudyParameters):
         return Cost(1.0 + 5e-5 * rows * self.trials, 20)
 
 
+def true_gyroscope(**more: Any) -> GyroscopeModel:
+    """Gyroscope that is to be recovered."""
+    off = [[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [-0.02, 0.01, -0.01]]
+    bias = np.array([0.02, -0.01, 0.03])
+    return GyroscopeModel(M=np.eye(3) + np.array(off), B=bias, **more)
+
+
 class Tumble:
     """A cell's scene at its rate, its sensors, and how a trial is drawn and fitted."""
 
@@ -131,24 +138,22 @@ class Tumble:
         self.rests = _rests(run, every)
         force = run.specific_force[::every]
         still = np.concatenate([force[a:b] for a, b in self.rests])
-        self.off = float(np.abs(np.linalg.norm(still, axis=1) - run.g).max())
+        self.off = np.abs(np.linalg.norm(still, axis=1) - run.g).max()
         self.rest_force = run.rest_force
         self.force = np.array([force[a:b].mean(axis=0) for a, b in self.rests])
         seconds = np.diff(self.rests)[:, 0] * every / ROWS
         self.pose_std = FORCE / np.sqrt(100.0 * seconds)
-        self.walk = float(np.radians(parameters.angle_random_walk))
-        off = [[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [-0.02, 0.01, -0.01]]
-        bias = np.array([0.02, -0.01, 0.03])
-        self.gyroscope = GyroscopeModel(M=np.eye(3) + np.array(off), B=bias)
+        self.walk = np.radians(parameters.angle_random_walk)
+        self.gyroscope = true_gyroscope()
         self.accelerometer = true_sensor(0.0)
         rng = np.random.default_rng(0)  # draws nothing
         self.body = average_rates(run, every)
         self.rates = self.gyroscope.distort(self.body, rng)
         self.steps = average_rates(run) if steps is None else steps  # of 500 Hz
         # of a reading at the greatest rate, rad
-        self.turn = float(np.linalg.norm(self.steps, axis=1).max()) * every / ROWS
+        self.turn = np.linalg.norm(self.steps, axis=1).max() * every / ROWS
         self.poses = self.accelerometer.distort(self.force, rng)
-        self.truth = np.concatenate([self.gyroscope.M.ravel(), bias])
+        self.truth = np.concatenate([self.gyroscope.M.ravel(), self.gyroscope.B])
 
     def thinned(self, every: int) -> "Tumble":
         """The same scene at another rate."""
@@ -168,7 +173,7 @@ class Tumble:
         found = self.gyroscope_of(
             inter_rest, self.poses, calibrate(self.poses, self.g), "unweighted"
         )
-        return float(np.abs(found.M - self.gyroscope.M).max())
+        return np.abs(found.M - self.gyroscope.M).max()
 
     def readings(
         self, rng: np.random.Generator, count: int
@@ -252,7 +257,7 @@ class Tumble:
         both = np.diagonal(self.bounds()[:9, :9])
         given = self.accelerometer, self.force, self.g, self.pose_std
         alone = np.diagonal(calibration_moments(*given).cramer_rao)
-        return ONE_BY_ONE * float(np.max(1.0 - both / alone))
+        return ONE_BY_ONE * np.max(1.0 - both / alone)
 
     def bounds(self, pieces: int = PIECES) -> Float[Array, "21 21"]:
         """Cramer-Rao bound of both sensors."""
@@ -283,7 +288,7 @@ class Tumble:
         # the package's world to sensor is what SciPy reads as sensor to world
         rotation = scipy.spatial.transform.Rotation
         before, after = (rotation.from_quat(self.attitude[k]) for k in (start, end))
-        return np.asarray((before.inv() * after).as_rotvec())
+        return (before.inv() * after).as_rotvec()
 
 
 def _rests(run: Trajectory, every: int) -> Any:
@@ -298,7 +303,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     data = Tumble(parameters)
     free = 9 if parameters.estimator == "unweighted" else 12
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         readings = data.readings(rng, BLOCK)
         fit = data.fitted(*readings)
         error = (fit.parameters - data.truth)[:, :free]
@@ -308,9 +313,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     trials = trials_of(streams, parameters.trials, BLOCK, trial)
     bound = np.diagonal(data.bound())[:free]
     clean = data.clean()
-    off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
+    off = np.abs(clean.M[0] - data.gyroscope.M).max()
     scheme = data.by_scheme(clean)
-    most = float(np.abs(scheme).max())
+    most = np.abs(scheme).max()
     left = ROUNDED + data.turn**2 * most
     return Outcome(
         rows=(
@@ -330,25 +335,24 @@ def _judged(
     bound: Float[Array, " p"],
     data: Tumble,
     scheme: Float[Array, "3 3"],
-) -> tuple[Row, ...]:
+) -> Rows:
     error, C = trials["error"], trials["covariance"]
     n, p = error.shape
-    sd = np.sqrt(np.diagonal(C, axis1=1, axis2=2))
+    sd = deviations(C)
     z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
     stated = C.mean(axis=0)
     small = SMALL_BIAS * max(1.0, data.parameters.angle_random_walk / USUAL)
-    left = small * np.sqrt(np.diagonal(stated))
+    left = small * deviations(stated)
     left[:9] += np.abs(scheme).ravel()  # what the rotations leave out
     within, may = interval_coverage(
-        LEVEL, np.zeros(p), left / np.sqrt(np.diagonal(stated)), RELATIVE / 2.0
+        LEVEL, np.zeros(p), left / deviations(stated), RELATIVE / 2.0
     )
     _, off = bias_square(np.zeros(p), left, stated)
     covered = mean_of((np.abs(error) < z * sd).mean(axis=1))
     over = mean_of((error**2 / bound).mean(axis=1))
-    bias = error.mean(axis=0), error.std(axis=0, ddof=1) / sqrt(n), n
     # the unweighted way does not reach the bound
-    judge: Any = plain if p == 12 else unjudged
-    shift: Any = plain if n >= ENOUGH else unjudged
+    judge = plain if p == 12 else unjudged
+    shift = plain if n >= ENOUGH else unjudged
     return (
         *nees(
             stat.NEES(), *mean_of(normalised_squares(error, C)),
@@ -362,13 +366,13 @@ def _judged(
             RELATIVE + data.missed + np.mean(left**2 / bound),
         ),
         *shift(
-            stat.BIAS.each(NAMES[:p], UNITS[:p]), *bias,
+            stat.BIAS.each(GYROSCOPE[:p], UNITS[:p]), *mean_of(error),
             0.0, stat.NO_BIAS, left,
         ),
     )  # fmt: skip
 
 
-def _stated_row(clean: GyroscopeFit, data: Tumble) -> tuple[Row, ...]:
+def _stated_row(clean: GyroscopeFit, data: Tumble) -> Rows:
     """The covariance that is stated at the truth, against the bound of short pieces."""
     if data.parameters.estimator == "unweighted":  # which does not reach the bound
         return ()
@@ -383,7 +387,7 @@ def _integrators(data: Tumble) -> Iterator[Row]:
     """Error of M without noise, by rate of the rows and what is between them."""
     for rate, every in THINNED.items():
         thinned = data.thinned(every)
-        averages = float(np.abs(thinned.clean().M[0] - data.gyroscope.M).max())
+        averages = np.abs(thinned.clean().M[0] - data.gyroscope.M).max()
         yield from unjudged(
             (stat.RECOVERY("M", AVERAGES, rate), stat.RECOVERY("M", STRAIGHT, rate)),
             (averages, thinned.straight_lines()),

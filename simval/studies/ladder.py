@@ -27,22 +27,28 @@ from simval.arrays import Array
 from simval.figures import Figure, Listing, of_calibration, predictor
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
+from simval.moments import deviations
 from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere, observability
-from simval.results import Outcome, Row, beyond, control, plain, unjudged
+from simval.results import Outcome, Rows, beyond, control, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import UNITS, expanded, response_rows, rounding_of
+from simval.studies.calibration import (
+    UNITS,
+    G,
+    expanded,
+    response_rows,
+    rounding_of,
+)
 from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, correlation_row, noise_row, trials_of
+from simval.studies.trials import Block, correlation_row, noise_row, trials_of
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"
 
 BLOCK = 256  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 # of many poses of an ideal sensor: `test_the_ladder`, test_theory_calibration_page.py
 RUNGS = {"squared": -3.5, "norm": -2.0, "weighted": -1.5, "sampson": 0.5, "adjusted": 0}
 
@@ -85,7 +91,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     clean = sensor.distort(G * directions, np.random.default_rng(0))  # draws nothing
     sigma, residual = parameters.noise_std, parameters.residual
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = sigma * rng.standard_normal((BLOCK, *clean.shape))
         both = np.concatenate([clean + noise, clean - noise])
         fit = calibrate(
@@ -149,7 +155,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 def _efficiency(sd: Array, sd_error: Array, predicted: CalibrationMoments) -> Reduced:
     """Efficiencies that some standard deviations mean."""
-    efficiency = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
+    efficiency = (deviations(predicted.cramer_rao) / sd) ** 2
     return efficiency, 2.0 * efficiency * sd_error / sd
 
 
@@ -160,15 +166,15 @@ def _rung_rows(
     known: Expanded,
     predicted: CalibrationMoments,
     left: Float[Array, "9"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Mean relative bias of the scales, with its standard error, against theory."""
     unit = (parameters.noise_std / G) ** 2
-    left_out = float((left[3:6] / sensor.K).mean() / unit)
-    expected = float((predicted.bias[3:6] / sensor.K).mean() / unit)
+    left_out = (left[3:6] / sensor.K).mean() / unit
+    expected = (predicted.bias[3:6] / sensor.K).mean() / unit
     samples = pairs.shape[1]
 
     def rung(values: Float[Array, "t 9"]) -> Float[Array, " t"]:
-        return np.asarray((values[..., 3:6] / sensor.K).mean(axis=-1) / unit)
+        return (values[..., 3:6] / sensor.K).mean(axis=-1) / unit
 
     found = reduced_mean(
         rung(pairs.mean(axis=0)), rung(known.second), rung(known.mean_second)
@@ -188,19 +194,19 @@ def _scale_rows(
     known: Expanded,
     predicted: CalibrationMoments,
     left: Float[Array, "3"],
-) -> tuple[Row, ...]:
+) -> Rows:
     """Bias of the three scales along the predicted one; its entries are judged."""
     n, bias = pairs.shape[1], predicted.bias[3:6]
-    size = float(np.sqrt(np.mean(bias**2)))
+    size = np.sqrt(np.mean(bias**2))
     if not size > 0.0:  # theory has none at this order
         return ()
     weight = bias / size / 3.0
     found = reduced_mean(
         pairs.mean(axis=0)[:, 3:6] @ weight,
         known.second[:, 3:6] @ weight,
-        float(known.mean_second[3:6] @ weight),
+        known.mean_second[3:6] @ weight,
     )
-    rest = float(np.abs(weight) @ left)
+    rest = np.abs(weight) @ left
     return unjudged(
         stat.BIAS_ALONG("K"),
         *stated(found, size, rest, n),

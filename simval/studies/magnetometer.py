@@ -43,10 +43,21 @@ from simval.imu.calibrate import (
     fit,
 )
 from simval.imu.sensor import MagnetometerModel
-from simval.results import Outcome, Row, beyond, exact, limit, nees, plain, unjudged
+from simval.moments import deviations
+from simval.results import (
+    Outcome,
+    Row,
+    Rows,
+    beyond,
+    exact,
+    limit,
+    nees,
+    plain,
+    unjudged,
+)
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
+from simval.studies.calibration import G, true_sensor
 from simval.studies.response import (
     MET,
     STEP,
@@ -61,7 +72,7 @@ from simval.studies.response import (
 )
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
-    Kept,
+    Block,
     Trials,
     correlation_row,
     mean_of,
@@ -84,7 +95,6 @@ TITLE = "Magnetometer: all 22 parameters at the bound, and the two-step calibrat
 SECTION = "magnetometer"
 
 BLOCK = 128  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 LEVEL = 0.95
 ALL = 22
 RECOVERED = 1e-9
@@ -178,7 +188,7 @@ class Scenario:
 
     def predicted(self) -> MagnetometerMoments:
         """Prediction of theory."""
-        dip = float(self.truth[-1])
+        dip = self.truth[-1]
         return magnetometer_moments(
             *self.sensors, self.attitudes, dip, g=G, **self.told
         )
@@ -197,7 +207,7 @@ class Scenario:
         slope[:, 0, 0], slope[:, 1, 1] = 2.0 * u @ body, 2.0 * v @ iron
         slope[:, 2, 0], slope[:, 2, 1] = v @ body, u @ iron
         flat = (slope * np.array(self.std)[:, None]).reshape(n, 3, 6)
-        factor = np.linalg.cholesky(flat @ flat.transpose(0, 2, 1))
+        factor = np.linalg.cholesky(flat @ flat.mT)
         white = np.linalg.solve(factor, flat).reshape(n, 3, 2, 3)
         each = np.zeros((n, 3, 2, n, 3))
         each[np.arange(n), :, :, np.arange(n)] = white
@@ -211,7 +221,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     case = Scenario(parameters.poses, parameters.dip_deg, *noises)
     predicted = case.predicted()
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = rng.standard_normal((2, BLOCK, case.size // 2)).transpose(1, 0, 2)
         noise = noise.reshape(BLOCK, -1)
         readings = case.readings(noise)
@@ -258,7 +268,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
 
 
-Measured = Iterator[tuple[tuple[Row, ...], Reduced]]
+Measured = Iterator[tuple[Rows, Reduced]]
 """Rows of some statistics, and the same with control variates."""
 
 
@@ -309,7 +319,7 @@ def _over_bound(
         part = slice(whole.start - 9, whole.stop - 9)
         values = usual**2 / bound
         values = values[:, part] - np.mean(usual, axis=0)[part] ** 2 / bound[part]
-        expected = float(variance[part].mean())
+        expected = variance[part].mean()
         yield plain(
             stat.VARIANCE_OVER_BOUND(name, "two-step"),
             *mean_of(values.mean(axis=1)), expected, stat.FIRST_ORDER,
@@ -328,7 +338,7 @@ def _stated(
         if predicted.bent > RANGE
         else ""
     )
-    quantile = float(2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL))
+    quantile = 2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL)
     relative, left = predicted.variance_remainder / 2.0, predicted.bias_remainder
     within, may = interval_coverage(
         LEVEL, predicted.bias / predicted.sd, left / predicted.sd, relative
@@ -337,7 +347,7 @@ def _stated(
     off += SQUARE_NEXT * predicted.bent
     whole, all_may = ellipsoid_coverage(LEVEL, ALL, shift, off, relative)
     # of the linear part: in its deviations, and normalised
-    sd = np.sqrt(np.diagonal(fit.covariance))
+    sd = deviations(fit.covariance)
     ratio = fit.first / sd
     unit = fit.covariance / np.outer(sd, sd)
     square = np.vecdot(ratio, np.linalg.solve(unit, ratio.T).T)
@@ -362,30 +372,28 @@ def _stated(
     ), reduced_mean(seen["chi_square"], linear, 1.0)  # fmt: skip
 
 
-def _spread_row(
-    error: Float[Array, "t 22"], predicted: MagnetometerMoments
-) -> tuple[Row, ...]:
+def _spread_row(error: Float[Array, "t 22"], predicted: MagnetometerMoments) -> Rows:
     """Standard deviation of M, RMS over its entries, which are judged one by one."""
     part, n = PARTS["M"], len(error)
     squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
     found = root(n / (n - 1) * squares.mean(), np.std(squares) / np.sqrt(n))
-    expected = float(np.sqrt(np.mean(predicted.sd[part] ** 2)))
+    expected = np.sqrt(np.mean(predicted.sd[part] ** 2))
     left = expected * predicted.variance_remainder / 2.0
     return unjudged(stat.SPREAD("M"), *found, n, expected, stat.FIRST_ORDER, left)
 
 
-def _recovery(case: Scenario) -> tuple[Row, ...]:
+def _recovery(case: Scenario) -> Rows:
     fit = case.fitted(*case.means)
     error = np.abs(fit.parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
     relative = [
-        float(error[part].max() / size)
+        error[part].max() / size
         for part, size in zip(PARTS.values(), (*sizes, 1.0), strict=True)  # dip: rad
     ]
     return limit(stat.RECOVERY.each(PARTS), relative, RECOVERED, stat.TRUTH, n=1)
 
 
-def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
+def stated_row(case: Scenario, predicted: MagnetometerMoments) -> Rows:
     """The covariance that the fit states at the truth, against the bound."""
     fit = case.fitted(*case.means)
     off = apart(fit.covariance, predicted.covariance)
@@ -394,7 +402,7 @@ def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...
 
 def response_rows(
     poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows of theory against the estimate; none for noises too unlike."""
     noise = np.array([accelerometer_noise, field_noise]) / LOUD
     if noise.max() > UNLIKE * noise.min():

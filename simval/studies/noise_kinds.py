@@ -12,6 +12,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.shapes import Float
+from simval.theory.two_vector import tangent_projector
 
 NoiseKind = Literal["isotropic", "tangent", "unequal", "heavy tails"]
 
@@ -28,7 +29,7 @@ def noise_roots(
 ) -> Float[Array, "... k 3 3"]:
     """Symmetric root of the covariance of each of some unit vectors."""
     if kind == "tangent":
-        return np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
+        return tangent_projector(vectors)
     sizes = np.array(DEVIATIONS) if kind == "unequal" else np.ones(vectors.shape[-2])
     roots = sizes[:, None, None] * np.eye(3)
     return np.broadcast_to(roots, (*vectors.shape[:-2], *roots.shape))
@@ -48,4 +49,4 @@ def tails(
     """Factor of the normal noise of each vector, of this shape: 1 without tails."""
     if kind != "heavy tails":
         return np.ones(shape)
-    return np.asarray(np.sqrt((FREEDOM - 2.0) / rng.chisquare(FREEDOM, shape)))
+    return np.sqrt((FREEDOM - 2.0) / rng.chisquare(FREEDOM, shape))

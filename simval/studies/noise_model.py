@@ -24,7 +24,7 @@ errors of 0.02 to 0.04; intervals that cover 95.1, 93.3 and 96.0 % (the same 6 0
 ``trials = 6000`` and ``rows = [4096, 16384]``.
 """
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -42,15 +42,17 @@ from simval.imu.noise import (
 )
 from simval.imu.noise.least_squares import RIDGE, AllanProblem, ends, fitted
 from simval.imu.sensor import NoiseModel
-from simval.results import Outcome, Row, exact, limit, plain
+from simval.moments import deviations
+from simval.results import Outcome, Rows, exact, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters, ranged
 from simval.studies.trials import (
     KEPT,
-    Kept,
+    Block,
     correlation_row,
+    mean_of,
     share_error,
     trials_of,
 )
@@ -91,12 +93,8 @@ class Parameters(StudyParameters):
         "the choice of components, of a Markov bias and of strong flicker and walk.",
     )
     rows: int = ranged(16_384, "Rows of a signal, at 100 Hz.", 4096, 1_000_000)
-    flicker: Annotated[float, Field(ge=1e-6, le=10.0)] = Field(
-        default=0.5, description="Flicker B over white noise N, root Hz."
-    )
-    walk: Annotated[float, Field(ge=1e-6, le=10.0)] = Field(
-        default=0.3, description="Random walk K over white noise N, Hz."
-    )
+    flicker: float = ranged(0.5, "Flicker B over white noise N, root Hz.", 1e-6, 10.0)
+    walk: float = ranged(0.3, "Random walk K over white noise N, Hz.", 1e-6, 10.0)
     trials: int = ranged(
         1200,
         "Signals; rounded up to whole blocks of 24; of choices a 12th of each kind.",
@@ -122,7 +120,7 @@ class Theory:
         self.forms = covariance_forms(self.counts, rows)[..., :3, :3]
         self.truth = np.array([WHITE**2 * RATE, flicker**2, walk**2 / RATE])
         C = self.covariance = allan_covariance(self.forms, self.truth)
-        scale = np.sqrt(np.diagonal(C))
+        scale = deviations(C)
         factor = np.linalg.cholesky(
             C / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
         )
@@ -141,7 +139,7 @@ class Theory:
         self.grown = grown / self.predicted
         self.bias = self.weights @ self.more / np.sqrt(self.predicted)
         bound = noise_bound(rows, RATE, white=WHITE, flicker=flicker, walk=walk)
-        self.bound = float(bound[0, 0]) * RATE**2  # Whittle's, of N squared
+        self.bound = bound[0, 0] * RATE**2  # Whittle's, of N squared
 
     def errors(self, variances: Float[Array, "s m"], estimate: str) -> Array:
         """Averaged quantities of signals: squared errors over the predicted ones.
@@ -194,7 +192,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         walk_raw_per_sqrt_s=parameters.walk * WHITE,
     )
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         differences, columns = [], []
         for _ in range(BLOCK // 3):  # an axis is a signal
             rows = model.draw(parameters.rows, RATE, rng)
@@ -209,8 +207,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     variances = trials["variances"]
     parts = np.array_split(variances, -(-len(variances) // TOGETHER))
     errors = np.concatenate([theory.errors(v, parameters.estimate) for v in parts])
-    value, n = errors.mean(axis=0), len(errors)
-    error = errors.std(axis=0, ddof=1) / np.sqrt(n)
+    value, error, n = mean_of(errors)
     linear = parameters.estimate == "known weights"
     squares = theory.grown + theory.bias**2
     remainders = np.full(3, LAGS) if linear else np.array(REMAINDERS)
@@ -281,7 +278,7 @@ def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
         wrong.setdefault("components", []).append(not right)
     # the least count that so many signals reach with a smaller probability
     chance = 1.0 - SELDOM / len(wrong)
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for name, each in wrong.items():
         count = len(each)
         most = np.ceil(scipy.special.bdtrik(chance, count, 1.0 - RATE_OF_INTERVALS))
@@ -291,7 +288,7 @@ def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=rows)
 
 
-def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
+def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> Rows:
     """Mean of the squares of N, B and K over the truth, by weights that are known."""
     n, sd = len(misfits), np.sqrt(theory.predicted) / theory.truth
     mean = 1.0 + np.mean(misfits @ theory.weights.T / theory.truth, axis=0)
@@ -302,7 +299,7 @@ def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
     )  # fmt: skip
 
 
-def _white_row() -> tuple[Row, ...]:
+def _white_row() -> Rows:
     """The covariance (V4) of a few rows of white noise against its quadratic forms.
 
     An Allan variance is y'Ay, and the covariance of two of white noise is 2 tr AB.

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Self, TypeV
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
-from simval.arrays import Array
+from simval.arrays import Array, Places
 from simval.errors import PluginError
 from simval.plugins import find_plugin
 from simval.plugins.child import (
@@ -44,8 +44,8 @@ from simval.plugins.child import (
 from simval.plugins.loading import BESIDE, missing, sources
 from simval.plugins.names import located, portable
 from simval.plugins.protocol import Algorithm
-from simval.plugins.runs import Places, require_no_memory
-from simval.results import Outcome, Row
+from simval.plugins.runs import require_no_memory
+from simval.results import Outcome, Rows
 from simval.streams import Streams
 from simval.studies.study import StudyParameters
 
@@ -107,9 +107,9 @@ class PluginParameters(StudyParameters):
             changed += [f"{key} {how}"] if was != now else []
         if changed:
             msg = (
-                "the plug-in is not what it was when the sweep was begun: "
-                f"{'; '.join(changed)}, on {platform.node()}; leave it alone while a "
-                "sweep runs, and put it on a file system that all workers share"
+                "the plug-in has changed since the sweep began: "
+                f"{'; '.join(changed)}, on {platform.node()}; leave it alone while "
+                "a sweep runs, and put it on a file system that all workers share"
             )
             raise PluginError(msg)
 
@@ -174,7 +174,7 @@ class Problem(ABC, Generic[Own, Probed, Answers]):
         return None
 
     @abstractmethod
-    def rows(self, probed: Probed, answers: Answers) -> tuple[Row, ...]:
+    def rows(self, probed: Probed, answers: Answers) -> Rows:
         """Metrics of the answers."""
 
     def artifacts(self, answers: Answers) -> Mapping[str, Mapping[str, Array]]:

@@ -47,12 +47,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
+from simval.moments import deviations
 from simval.montecarlo import taylor
-from simval.results import Row
+from simval.results import Row, Rows
 from simval.shapes import Float
+from simval.studies.trials import mean_of
 
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
@@ -102,8 +103,8 @@ def response(
 
 def apart(stated: Float[Array, "... p p"], known: Float[Array, "p p"]) -> float:
     """Greatest distance of two covariances, relative to the known deviations."""
-    sd = np.sqrt(np.diagonal(known))
-    return float(np.max(np.abs(stated - known) / np.outer(sd, sd)))
+    sd = deviations(known)
+    return np.max(np.abs(stated - known) / np.outer(sd, sd))
 
 
 FORWARD = 1e-3
@@ -181,7 +182,7 @@ class Expanded:
         """Mean of ``e' W e`` by (E1)."""
         values = np.sum(error @ weight * error, axis=1)
         known = np.sum(self.first @ weight * (self.first + 2.0 * self.second), axis=1)
-        return reduced_mean(values, known, float(np.sum(weight * self.covariance)))
+        return reduced_mean(values, known, np.sum(weight * self.covariance))
 
 
 def linearized(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded:
@@ -206,7 +207,7 @@ def curved(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded
         first=first,
         second=polynomial(x.T).T - polynomial.value.T - first,
         covariance=polynomial.slope @ polynomial.slope.T,
-        mean_second=0.5 * np.trace(polynomial.bend, axis1=1, axis2=2),
+        mean_second=0.5 * np.linalg.trace(polynomial.bend),
     )
 
 
@@ -214,14 +215,11 @@ def reduced_mean(
     values: Float[Array, "t ..."], known: Float[Array, "t ..."], mean: Array | float
 ) -> Reduced:
     """Mean of a feature, by another one of the same trials whose mean is known."""
-    difference = values - known
-    error = np.std(difference, axis=0, ddof=1) / np.sqrt(len(difference))
-    return difference.mean(axis=0) + mean, error
+    found, error, _ = mean_of(values - known)
+    return found + mean, error
 
 
-def reduced_share(
-    inside: NDArray[np.bool_], known: NDArray[np.bool_], mean: Array | float
-) -> Reduced:
+def reduced_share(inside: Mask, known: Mask, mean: Array | float) -> Reduced:
     """Share of trials, by another event whose probability is known."""
     n = len(inside)
     apart = np.count_nonzero(inside != known, axis=0)
@@ -242,7 +240,7 @@ def stated(
 
 def beside(
     rows: Sequence[Row], reduced: Sequence[Reduced], rounding: Array | float = 0.0
-) -> tuple[Row, ...]:
+) -> Rows:
     """Rows like these, sampled with control variates: the reduced means in their order.
 
     `rounding` is what the estimator's own arithmetic may add, which plain samples

@@ -8,7 +8,7 @@ rests scatter beyond the noise of their rows, by the hold or by the sensor.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -129,7 +129,7 @@ def measured(
     """
     n, count, _ = rows.shape
     centred = rows - rows.mean(axis=1, keepdims=True)
-    own = np.swapaxes(centred, 1, 2) @ centred / (count - 1)
+    own = centred.mT @ centred / (count - 1)
     eighths = rows[:, : count // 8 * 8].reshape(n, 8, -1, 3).mean(axis=2)
     up = normalize(rows.mean(axis=1))
     slow = np.var(np.einsum("nka,na->nk", eighths, up), axis=1, ddof=1).mean() / 8
@@ -142,22 +142,9 @@ def measured(
 # sound logs
 
 
-def _sound(
-    up: Array,
-    rng: Random,
-    *,
-    noise: float | Array = 0.02,
-    bias: float | Array = 0.0,
-    tremor: float = 0.0,
-    step: float = 0.0,
-    lowpass: int = 1,
-    part: float = 1.0,
-) -> RestMeans:
+def _sound(up: Array, rng: Random, **more: Any) -> RestMeans:
     warm = course(len(up), rng) if rng.random() < 0.5 else None
-    return RestSet(
-        up=up, temperature=warm, noise=noise, bias=bias, tremor=tremor, step=step,
-        lowpass=lowpass, part=part,
-    ).means(rng)  # fmt: skip
+    return RestSet(up=up, temperature=warm, **more).means(rng)
 
 
 def _any(rng: Random, low: int = 12, high: int = 31) -> Array:
@@ -229,11 +216,14 @@ class Where(NamedTuple):
     axis: int
 
 
+Act = Callable[[RestSet, Where, Random], RestSet]
+
+
 class Fault(NamedTuple):
     """A fault: what it is, and what it makes of a sensor."""
 
     kinds: frozenset[Kind]  # none where no explanation is right
-    act: Callable[[RestSet, Where, Random], RestSet]
+    act: Act
 
 
 def _one(a: int) -> Float[Array, "3"]:
@@ -252,20 +242,16 @@ def _off(log: RestSet, at: Where, back: int = 0) -> Float[Array, " n"]:
     return at.size * (np.arange(len(log.up)) == at.rest - back)
 
 
-def _warming(log: RestSet, at: Where) -> Float[Array, "n 1"]:
-    assert log.temperature is not None
-    t = log.temperature - log.temperature.mean()
-    return at.size * (t / np.abs(t).max())[:, None]
+def _warmed(changed: Callable[[RestSet, Array], RestSet]) -> Act:
+    """Change of an axis by the temperature, which the log then has."""
 
+    def act(log: RestSet, at: Where, rng: Random) -> RestSet:
+        temperature = course(len(log.up), rng)
+        t = temperature - temperature.mean()
+        more = at.size * (t / np.abs(t).max())[:, None] * _one(at.axis)
+        return changed(replace(log, temperature=temperature), more)
 
-def _warm_bias(log: RestSet, at: Where, rng: Random) -> RestSet:
-    log = replace(log, temperature=course(len(log.up), rng))
-    return log.with_bias(_warming(log, at) * _one(at.axis))
-
-
-def _warm_scale(log: RestSet, at: Where, rng: Random) -> RestSet:
-    log = replace(log, temperature=course(len(log.up), rng))
-    return log.with_scale(_warming(log, at) * _one(at.axis))
+    return act
 
 
 def _signed(log: RestSet, at: Where, rng: Random) -> RestSet:
@@ -292,10 +278,7 @@ def _bent(log: RestSet, at: Where, rng: Random) -> RestSet:
 
 
 def _clipped(log: RestSet, at: Where, rng: Random) -> RestSet:
-    def act(y: Array) -> Array:
-        return np.minimum(y, y.max() - at.size)
-
-    return log.warped(act, axis=at.axis)
+    return log.warped(lambda y: np.minimum(y, y.max() - at.size), axis=at.axis)
 
 
 def _walking(log: RestSet, at: Where, rng: Random) -> RestSet:
@@ -308,7 +291,7 @@ def _lagging(log: RestSet, at: Where, rng: Random) -> RestSet:
     return log.with_bias(0.5 * at.size * turned * _one(at.axis))
 
 
-def _kind(kind: Kind, act: Callable[[RestSet, Where, Random], RestSet]) -> Fault:
+def _kind(kind: Kind, act: Act) -> Fault:
     return Fault(frozenset({kind}), act)
 
 
@@ -337,7 +320,7 @@ BIASES: Mapping[str, Fault] = {
             at.size * np.outer(np.exp(-np.arange(len(L.up)) / 3.0), _one(at.axis))
         ),
     ),
-    "bias in temperature": _kind("bias in temperature", _warm_bias),
+    "bias in temperature": _kind("bias in temperature", _warmed(RestSet.with_bias)),
 }
 """Changes of a bias."""
 
@@ -348,7 +331,7 @@ SCALES: Mapping[str, Fault] = {
     "gain drift": _kind(
         "scale drift", lambda L, at, r: L.with_scale(_rising(L, at) * np.ones(3))
     ),
-    "scale in temperature": _kind("scale in temperature", _warm_scale),
+    "scale in temperature": _kind("scale in temperature", _warmed(RestSet.with_scale)),
     "bend": _kind("curvature", _bent),
 }
 """Changes of a scale."""
@@ -398,15 +381,30 @@ PAIRS: Mapping[str, Fault] = {
 """Two at once, on different axes; what the sensor does, before its readings change."""
 
 
+def _lying(fault: Fault) -> Fault:
+    # of a body on a table, that shows it no side from below
+    def act(log: RestSet, at: Where, rng: Random) -> RestSet:
+        above = np.where(log.up[:, 2:] < 0.0, -1.0, 1.0)
+        return fault.act(replace(log, up=above * log.up), at, rng)
+
+    return Fault(fault.kinds, act)
+
+
+LYING: Mapping[str, Fault] = {
+    f"{name} in half a sphere": _lying(fault) for name, fault in SINGLE.items()
+}
+"""Faults of logs with no pose from below the horizon."""
+
+
 def unharmed(rng: Random) -> RestSet:
     """Directions and a sensor for a fault: by table or by hand, good parts and poor."""
     n = int(rng.integers(13, 18))
     up = near_faces(n, rng) if rng.random() < FACED else directions(n, rng)
     return RestSet(
         up=up,
-        noise=float(10.0 ** rng.uniform(-2.3, -1.3)),
-        tremor=float(rng.choice([0.0, 0.005])),
-        part=float(rng.uniform(1.0, 4.0)),
+        noise=10.0 ** rng.uniform(-2.3, -1.3),
+        tremor=rng.choice([0.0, 0.005]),
+        part=rng.uniform(1.0, 4.0),
         temperature=course(len(up), rng) if rng.random() < 0.5 else None,
     )
 
@@ -414,5 +412,5 @@ def unharmed(rng: Random) -> RestSet:
 def faulty(fault: Fault, times: float, rng: Random, log: RestSet) -> RestMeans:
     """Rests of a log with a fault somewhere, so many times the noise of a mean."""
     k, a = int(rng.integers(3, len(log.up) - 2)), int(rng.integers(3))
-    size = times * float(np.max(log.noise)) / ROWS**0.5
+    size = times * np.max(log.noise) / ROWS**0.5
     return fault.act(log, Where(size, k, a), rng).means(rng)

@@ -22,7 +22,7 @@ from simval.arrays import Array
 from simval.consistency import mean_of_trials
 from simval.imu.statics import initial_rest, variance_magnitude
 from simval.montecarlo import Sums, moments_of, simulate
-from simval.results import Outcome, Row, exact
+from simval.results import Outcome, Rows, exact
 from simval.shapes import Float
 from simval.statistics import ENUMERATED, UNBIASED_VARIANCE
 from simval.streams import Streams
@@ -68,10 +68,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(rows=(*drawn_rows(blocks), *_variance_rows()))
 
 
-def _variance_rows() -> tuple[Row, ...]:
+def _variance_rows() -> Rows:
     """Mean of each estimated variance over all samples, over the population's own."""
     every = np.array(list(product(VALUES, repeat=SAMPLES)))
-    true = float(np.var(VALUES))
+    true = np.var(VALUES)
     names, means = [], []
     for name, (variance, share) in _ROUTINES.items():
         names.append(name)

@@ -17,7 +17,7 @@ from simval.errors import GeometryError, InputError
 from simval.figures import Figure
 from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import PARAMETERS, observability
-from simval.results import Outcome, Row, beyond, exact, limit, unjudged
+from simval.results import Outcome, Row, Rows, beyond, exact, limit, unjudged
 from simval.scene import Trajectory
 from simval.scene.physics import roll_out
 from simval.scene.pictures import drawn
@@ -83,7 +83,7 @@ def few_faces(throws: int, least: int = PARAMETERS, faces: int = 14) -> float:
     return float(share[:least].sum())
 
 
-def _by_chance(rows: Sequence[Row], throws: int) -> tuple[Row, ...]:
+def _by_chance(rows: Sequence[Row], throws: int) -> Rows:
     # the rank of so few throws is no promise
     if (chance := few_faces(throws)) < CHANCE:
         return tuple(rows)
@@ -96,7 +96,7 @@ def _by_chance(rows: Sequence[Row], throws: int) -> tuple[Row, ...]:
     )
 
 
-def judged_rows(trajectory: Trajectory) -> tuple[Row, ...]:
+def judged_rows(trajectory: Trajectory) -> Rows:
     """Judge a trajectory: its rests, its instants and its poses.
 
     Raises
@@ -106,7 +106,7 @@ def judged_rows(trajectory: Trajectory) -> tuple[Row, ...]:
     """
     resting, bound = trajectory.hold >= 0, trajectory.rest_force
     if not resting.any():
-        msg = "the scene never rests, so nothing can be calibrated with it; add holds"
+        msg = "the scene has no rest, so no sensor can be calibrated with it; add holds"
         raise GeometryError(msg)
     force = np.linalg.norm(trajectory.specific_force[resting], axis=1) - trajectory.g
     rate = np.linalg.norm(trajectory.angular_velocity[resting], axis=1)
@@ -123,7 +123,7 @@ def judged_rows(trajectory: Trajectory) -> tuple[Row, ...]:
     )
 
 
-def _same_instant(trajectory: Trajectory) -> tuple[Row, ...]:
+def _same_instant(trajectory: Trajectory) -> Rows:
     """Show that the columns of a row belong to one instant, on a moving body.
 
     The magnetic field in sensor axes is the world's, turned by the attitude of the

@@ -32,7 +32,7 @@ from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
-from simval.figures import Listing, Strip, Trace, entries
+from simval.figures import Listing, Strip, Trace, entries, family_words
 from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.minimization import pose_objective
 from simval.imu.calibrate.residuals import monomial_rows
@@ -42,7 +42,7 @@ from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, beyond, limit, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
+from simval.studies.calibration import G, true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.theory.calibration import calibration_moments
 from simval.vocabulary import METHODS, Iteration, Method, Model
@@ -50,7 +50,6 @@ from simval.vocabulary import METHODS, Iteration, Method, Model
 TITLE = "Solvers: do all methods of the calibration reach the same answer?"
 SECTION = "convergence"
 
-G = 9.80665  # m/s^2, standard gravity
 SHOWN = 30  # steps that the report draws
 STOP: Final = 1e-11
 """Of the sources' methods, by (L1); half steps then end 1e-11 from the answer."""
@@ -122,7 +121,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )  # fmt: skip
     ends = {method: way(method=method) for method in METHODS}
     sd = calibration_moments(sensor, force, G, parameters.noise_std).sd
-    widest = float((sd / np.repeat([1.0, G], [6, 3])).max())
+    widest = (sd / np.repeat([1.0, G], [6, 3])).max()
     why = (
         f"the noise leaves a parameter uncertain by {widest:.2g} of its size; that the "
         f"sources' methods end at the answer is known up to {WIDEST:g}"
@@ -134,7 +133,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rows: list[Row] = []
     for method, fit in ends.items():
         size = np.abs(plain).max()
-        apart = float(np.abs(fit.parameters - plain).max() / size)
+        apart = np.abs(fit.parameters - plain).max() / size
         rows += unjudged(stat.STEPS(method), int(fit.iterations))
         rows += limit(stat.APART(method), apart, AGREEMENT, stat.FIRST_SOLVER)
         counts = range(1, min(SHOWN, int(fit.iterations)) + 1)
@@ -171,7 +170,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def share_left(distance: Float[Array, " k"]) -> float:
     """Share of the distance to the end that a step leaves, the last above `FAR`."""
     last = max(1, int(np.flatnonzero(distance > FAR)[-1]))
-    return float(distance[last] / distance[last - 1])
+    return distance[last] / distance[last - 1]
 
 
 def source_way(
@@ -192,7 +191,7 @@ def source_way(
         # the source does not look at the cost: a step that rounding raises is taken
         found = minimize(objective, start, rules, slack=len(raw) * ROUNDING)
         M = forms.matrix(source.model, found.theta)
-        same = forms.from_gram("triangular", M.swapaxes(1, 2) @ M, found.theta[:, 6:])
+        same = forms.from_gram("triangular", M.mT @ M, found.theta[:, 6:])
         return same[0] * np.repeat([1.0, G], [6, 3]), int(found.iterations[0])
 
     _, steps = stopped(MOST_STEPS)
@@ -244,6 +243,6 @@ FIGURES = (
         caption="Steps of each solver, and how far apart the answers are",
         rows=[stat.STEPS, stat.APART, stat.STEP_LEAVES, stat.STEP_OFF],
         keys={"solver": entries},
-        column=lambda row: row.statistic.family.words,
+        column=family_words,
     ),
 )

@@ -20,26 +20,33 @@ from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.gauss_newton import minimize
 from simval.imu.calibrate.thermal import law, names_of, thermal_problem
 from simval.imu.sensor import forms
+from simval.moments import deviations
 from simval.montecarlo import moments_of
 from simval.poses import PARAMETERS, fibonacci_sphere
 from simval.results import Outcome, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
+from simval.studies.calibration import G, true_sensor
 from simval.studies.coverage import FREEDOM, LEVEL
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, mean_of, share_error, trials_of
+from simval.studies.trials import (
+    Block,
+    drawn_rows,
+    mean_of,
+    share_error,
+    trials_of,
+)
 from simval.theory.calibration import VARIANCE_NEXT
 from simval.theory.coverage import interval_coverage
-from simval.theory.thermal import LINEAR, thermal_equations
+from simval.theory.thermal import thermal_equations
 
 TITLE = "Temperature: are bias and scale in it at the bound, and what does it cost?"
 SECTION = "calibration"
 
 BLOCK = 64  # trials; part of the promise of equal bits
-G = 9.80665  # m/s^2, standard gravity
 TRUE = np.array([[2e-3, -1e-3, 1.5e-3], [1e-4, -5e-5, 2e-4]])
 """Of bias, m/s^2/K, and scale, 1/K: of a consumer's part, as of a data sheet."""
+LINEAR = (("bias", 1), ("scale", 1))
 STEPS = 60
 NAMES = (*forms.names("triangular"), *names_of(LINEAR))
 UNITS = ("1",) * 6 + ("m/s²",) * 3 + ("m/s²/K",) * 3 + ("1/K",) * 3
@@ -79,12 +86,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     clean = sensor.B + np.outer(tau, TRUE[0]) + force / (1.0 + np.outer(tau, TRUE[1]))
     truth = np.concatenate([sensor.parameters, TRUE.ravel()])
     theory = thermal_equations(sensor, directions, tau, TRUE, sigma, g=G)
-    predicted = np.sqrt(np.diagonal(theory.bound))
+    predicted = deviations(theory.bound)
     dof = count - truth.size
-    quantile = float(scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0))
+    quantile = scipy.special.stdtrit(dof, 0.5 + LEVEL / 2.0)
     std = np.full(count, sigma)
 
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+    def trial(rng: np.random.Generator) -> Block:
         noise = rng.standard_normal((BLOCK, *clean.shape))
         poses = clean + sigma * noise
         without = calibrate(poses, G, covariance=False).require_converged().parameters
@@ -95,7 +102,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         own, _ = found.here.covariance()
         scatter = found.here.chi_square / dof
         half = quantile * np.sqrt(
-            np.diagonal(own, axis1=1, axis2=2) * scatter[:, None]
+            np.linalg.diagonal(own) * scatter[:, None]
         )  # fmt: skip
         kept = {
             "error": error,
@@ -140,9 +147,9 @@ def _left(
     x = clean - theta[:, None, 6:PARAMETERS]
     away, stretch = law(LINEAR, values, powers, x)
     matrix = forms.matrix("triangular", theta[:, :PARAMETERS])
-    force = (stretch * away) @ np.swapaxes(matrix, -1, -2)
+    force = (stretch * away) @ matrix.mT
     off = force - G * directions
-    return np.asarray(np.sqrt((off * off).sum(axis=-1).mean(axis=-1)))
+    return np.sqrt((off * off).sum(axis=-1).mean(axis=-1))
 
 
 FIGURES = (

@@ -25,7 +25,6 @@ from simval.studies.filter import (
     BLOCK,
     REFERENCE,
     Filtering,
-    instants,
     moved,
 )
 from simval.studies.filter import Parameters as Filtered
@@ -41,7 +40,7 @@ from simval.studies.filter_prediction import (
 from simval.studies.filter_scenarios import Course, Wrong, drawn
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Drawn, drawn_rows
-from simval.theory import CalibrationError, FilterPath
+from simval.theory import CalibrationError
 from simval.theory.filter_settings import NOISE, WALK, FilterCase, honest_settings
 
 TITLE = "What a filter is told: does prediction hold, and is what is found right?"
@@ -108,12 +107,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     draws = [readings(parameters, cell, streams.block(block)) for block in blocks]
     cell.draws = [(given, bias) for given, bias, _ in draws]
     answers = cell.trials(plugin.world)
-    kept, late = instants(len(cell.way.dt))
-    at = kept[late]
-    theory = prediction(cell.way, cell.sensors, cell.told, at, left=case.errors)
+    at = cell.way, cell.sensors, cell.told, answers.rows
+    theory = prediction(*at, left=case.errors)
     left = second_order(cell.way, cell.sensors, theory)
     rows = predicted_rows(answers, theory, True, left)
-    rows = beyond(rows, moved("the second order", float(left.max())))
+    rows = beyond(rows, moved("the second order", left.max()))
     errors = np.concatenate([each for *_, each in draws])
     rows += drawn_rows([{"calibrations": Drawn.of(errors)}])
     rows += unjudged(stat.NOISE_FACTOR.each(FACTORS), found) if found else ()
@@ -125,8 +123,7 @@ FACTORS = (NOISE, ACCELEROMETER, MAGNETOMETER, WALK)
 
 def vectors_of(way: Course) -> dict[str, tuple[Float[Array, "T 3"], float]]:
     """What each vector sensor reads, and its length."""
-    field = float(np.linalg.norm(way.magnetic))
-    return {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, field)}
+    return {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, way.strength)}
 
 
 def case_of(parameters: Parameters, cell: Filtering) -> FilterCase:
@@ -137,7 +134,7 @@ def case_of(parameters: Parameters, cell: Filtering) -> FilterCase:
         variances = np.repeat([1.0, size**2], [9, 3])
         left[name] = parameters.vector_error**2 * np.diag(variances)
     return FilterCase(
-        path=FilterPath(dt=way.dt, attitude=way.attitude),
+        path=way.path,
         truth=model_of(cell.told, True),
         errors=tuple(CalibrationError(of=n, covariance=C) for n, C in left.items()),
     )
@@ -150,7 +147,7 @@ def readings(
     way, count = cell.way, BLOCK
     given, bias = drawn(way, cell.sensors, cell.told, count, rng)
     errors = rng.standard_normal((count, 33))
-    E = errors[:, :27].reshape(count, 3, 3, 3).swapaxes(-1, -2)
+    E = errors[:, :27].reshape(count, 3, 3, 3).mT
     offset = errors[:, 27:].reshape(count, 2, 1, 3)
     turned = parameters.gyroscope_error * way.rate
     more: dict[str, Any] = {GYROSCOPE: given.gyroscope + turned @ E[:, 0]}

@@ -22,14 +22,13 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from simval import statistics as stat
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.imu.calibrate import FitResult, MagnetometerFit
 from simval.montecarlo import Sums
 from simval.montecarlo.plain import batch_means, finite_means, summed
-from simval.results import Row, limit, plain
+from simval.results import Rows, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
 
@@ -83,8 +82,9 @@ class Trials:
 
 
 Kept = Mapping[str, Array]
-Trial = Callable[[np.random.Generator], tuple[Kept, Kept]]
-"""A block of trials: what is kept of each, and the noise of each sensor."""
+Block = tuple[Kept, Kept]
+"""What is kept of each trial of a block, and the noise of each sensor."""
+Trial = Callable[[np.random.Generator], Block]
 
 
 def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials:
@@ -101,7 +101,7 @@ def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials
 
 def stated_of(
     fit: FitResult | MagnetometerFit, truth: Float[Array, " p"], level: float
-) -> tuple[NDArray[np.bool_], Array]:
+) -> tuple[Mask, Array]:
     """Coverage of each stated interval, and the normalised squared errors.
 
     These are normalised by the stated covariance, (trials,).
@@ -128,24 +128,24 @@ def share_error(share: Any, n: int) -> Any:
     return np.sqrt(np.maximum(share * (1.0 - share), 1.0 / n) / n)
 
 
-def mean_of(values: Float[Array, " n"] | list[float]) -> tuple[float, float, int]:
+def mean_of(values: Float[Array, "t ..."]) -> tuple[Any, Any, int]:
     """Mean of some trials, its standard error, and their number."""
-    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
-    return float(np.mean(values)), error, len(values)
+    n = len(values)
+    return np.mean(values, axis=0), np.std(values, axis=0, ddof=1) / np.sqrt(n), n
 
 
-def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> tuple[Row, ...]:
+def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> Rows:
     """Rows of the noise of some blocks, of each sensor by its name."""
-    rows: tuple[Row, ...] = ()
+    rows: Rows = ()
     for name in blocks[0]:
         n = sum(block[name].count for block in blocks)
         square = sum(block[name].square for block in blocks) / n
-        error = float(np.sqrt(2.0 / n))
+        error = np.sqrt(2.0 / n)
         rows += plain(stat.NOISE_SQUARE(name), square, error, n, 1.0, stat.CHI_SQUARE)
     return rows + correlation_row(each.first for b in blocks for each in b.values())
 
 
-def correlation_row(vectors: Iterable[Array]) -> tuple[Row, ...]:
+def correlation_row(vectors: Iterable[Array]) -> Rows:
     """The strongest correlation of two vectors of noise, against chance."""
     given = [np.ravel(vector) for vector in vectors]
     m = min(len(vector) for vector in given)
@@ -160,11 +160,11 @@ def correlation_row(vectors: Iterable[Array]) -> tuple[Row, ...]:
 def strongest_by_chance(count: int, m: int) -> float:
     """Correlation that any two of so many reach with probability `FALSE_ALARM`."""
     pairs = max(count * (count - 1) // 2, 1)
-    t = float(scipy.special.stdtrit(m - 1, FALSE_ALARM / (2.0 * pairs)))
-    return float(np.sqrt(t * t / (m - 1 + t * t)))
+    t = scipy.special.stdtrit(m - 1, FALSE_ALARM / (2.0 * pairs))
+    return np.sqrt(t * t / (m - 1 + t * t))
 
 
-def noise_row(x: Float[Array, "t d"]) -> tuple[Row, ...]:
+def noise_row(x: Float[Array, "t d"]) -> Rows:
     """Mean square of the drawn noise, in units of the requested one.
 
     It needs no estimator, and rests on d numbers a trial: so it tells a wrong generator

@@ -38,7 +38,6 @@ from simval.imu.multiposition.noise import log_noise
 from simval.imu.sensor import (
     Effects,
     GyroscopeEffects,
-    GyroscopeModel,
     ImuModel,
     MagnetometerEffects,
     Motion,
@@ -50,6 +49,7 @@ from simval.scene import simulate_cached
 from simval.scene.trajectory import motion_of
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
+from simval.studies.gyroscope import true_gyroscope
 from simval.studies.magnetometer import true_magnetometer
 from simval.studies.study import Cost, StudyParameters, ranged
 from simval.studies.trials import Drawn, drawn_rows
@@ -113,12 +113,7 @@ class Sensors:
             field=motion.field / np.linalg.norm(run.magnetic),
         )  # fmt: skip
         self.g, self.effects = run.g, effects
-        off = [[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [-0.02, 0.01, -0.01]]
-        self.gyroscope = GyroscopeModel(
-            M=np.eye(3) + np.array(off),
-            B=np.array([0.02, -0.01, 0.03]),
-            G=effects * FORCE,
-        )
+        self.gyroscope = true_gyroscope(G=effects * FORCE)
         self.accelerometer, compass = true_sensor(0.0), true_magnetometer()
         self.imu = ImuModel(
             accelerometer=self.accelerometer,

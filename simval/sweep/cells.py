@@ -205,24 +205,13 @@ def cell_result(cell: Sequence[Any], rows: Iterable[Stored]) -> CellResult:
         status=status,
         error=error,
         seconds=seconds,
-        rows=tuple(_row(*row[2:]) for row in rows),
+        rows=tuple(map(_row, rows)),
     )
 
 
-def _row(
-    family: str,
-    entries: str,
-    controlled: int,
-    unit: str,
-    value: float | None,
-    error: float | None,
-    n: int,
-    prediction: float | None,
-    predictor: str,
-    remainder: float | None,
-    check: Check,
-    outside: str,
-) -> Row:
+def _row(entry: Stored) -> Row:
+    family, entries, controlled, unit, value, error, n, *theory = entry[2:]
+    prediction, predictor, remainder, check, outside = theory
     return Row(
         statistic=_statistic(family, entries, controlled, unit),
         value=math.nan if value is None else value,
@@ -246,8 +235,8 @@ def _same(words: Any) -> Any:
 def _statistic(family: str, entries: str, controlled: int, unit: str) -> Statistic:
     if family not in FAMILIES:
         msg = (
-            f"`{family:.60}` is no statistic of this version; read it with the version "
-            "of simval that wrote it, or sweep anew"
+            f"this version of simval has no statistic `{family:.60}`; read the "
+            "run with the version that wrote it, or run the sweep again"
         )
         raise DamagedError(msg)
     words = tuple(json.loads(entries))

@@ -66,7 +66,7 @@ def clustered(
         refuse_without("cluster", "a scheduler")
     with _own_words():
         try:
-            connect: Any = type("Connected", (Client,), {"__del__": _end})
+            connect = type("Connected", (Client,), {"__del__": _end})
             client = connect(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TypeError, TimeoutError) as error:
             msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"

@@ -13,7 +13,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from importlib import metadata
 from itertools import chain
@@ -28,8 +28,8 @@ from simval.imu.filters.mekf import compiled
 from simval.plugins.loading import sources
 from simval.plugins.names import portable
 from simval.scene import models_folder
-from simval.studies import STUDIES, brought
-from simval.sweep.suite import Suite
+from simval.studies import brought
+from simval.sweep.suite import Grid, Suite, plugins_of, respelled
 from simval.sweep.threads import linear_algebra
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -41,7 +41,7 @@ def manifest(suite: Suite) -> dict[str, Any]:
     return {
         "suite": suite.name,
         "title": suite.title,
-        "grid": portable_grid(suite.grid),
+        "grid": respelled(suite.grid, portable),  # file names instead of paths
         "cells": len(suite.cells),
         "versions": versions(),
         "git": git_state(),
@@ -85,33 +85,14 @@ def commit_date() -> str | None:
 
 def model_hashes() -> dict[str, str]:
     """SHA-256 of each model file."""
-    files = sorted(models_folder().glob("*.xml"))
-    return {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
+    models = sorted(models_folder().glob("*.xml"))
+    return {model.name: files.digest(model) for model in models}
 
 
-def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
-    """Grid of a suite, with file names instead of paths."""
-    short = dict(grid)
-    for study, field, texts in _plugins(grid):
-        names = [portable(text) for text in texts]
-        listed = isinstance(grid[study][field], list)
-        short[study] = {**grid[study], field: names if listed else names[0]}
-    return short
-
-
-def _plugins(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, list[str]]]:
-    """Studies that take a plug-in, with their field for it and what a suite names."""
-    for study, table in grid.items():
-        field = STUDIES[study].parameters.plugin if study in STUDIES else ""
-        if isinstance(table, Mapping) and field in table:
-            texts = table[field]
-            yield study, field, texts if isinstance(texts, list) else [texts]
-
-
-def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
+def file_hashes(grid: Grid) -> dict[str, str]:
     """SHA-256 of the files that a suite names, and of those that they name in turn."""
     named: dict[str, dict[str, set[str]]] = {}
-    for study, _, texts in _plugins(grid):
+    for study, _, texts in plugins_of(grid):
         for path, digest in chain.from_iterable(sources(t).items() for t in texts if t):
             if digest:
                 by_study = named.setdefault(portable(path), {})
@@ -127,17 +108,17 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     return {name: "+".join(sorted(digests[name])) for name in sorted(digests)}
 
 
-def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+def places(grid: Grid) -> dict[str, dict[str, str]]:
     """Paths of the plug-ins of a suite on this machine."""
     paths = {
         f"{study}.{field}": {portable(t): t for t in texts if portable(t) != t}
-        for study, field, texts in _plugins(grid)
+        for study, field, texts in plugins_of(grid)
     }
     paths["studies"] = {path.name: str(path) for path in _brought(grid).values()}
     return {key: known for key, known in paths.items() if known}
 
 
-def _brought(grid: Mapping[str, Any]) -> dict[str, Path]:
+def _brought(grid: Grid) -> dict[str, Path]:
     # files of a user's studies that a suite has
     return {name: path for name, path in brought().items() if name in grid}
 
@@ -155,7 +136,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _kernels() -> list[str]:
-    config: Any = np.show_config(mode="dicts")
+    config = np.show_config(mode="dicts")
     return list(config["SIMD Extensions"].get("found", []))
 
 

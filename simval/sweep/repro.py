@@ -108,8 +108,8 @@ def _require_plugin(cell: Cell, run: Run | None) -> None:
     own = cell.parameters
     if isinstance(own, PluginParameters) and (gone := own.missing(held)):
         msg = (
-            f"cell {cell.name}: {gone}; if its plug-in lies elsewhere now, give it "
-            "with --plugin"
+            f"cell {cell.name}: {gone}; if its plug-in is somewhere else now, "
+            "give it with --plugin"
         )
         raise InputError(msg)
 

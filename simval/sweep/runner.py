@@ -229,7 +229,7 @@ def locked(folder: Path) -> Iterator[None]:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
     except BlockingIOError:
-        msg = f"another sweep is at work in {folder}; wait for it or stop it"
+        msg = f"another sweep is running in {folder}; wait for it, or stop it"
         raise InputError(msg) from None
     finally:
         os.close(handle)

@@ -251,9 +251,9 @@ def check_complete(database: sqlite3.Connection, folder: Path) -> None:
     for name, digest in _digests_of_files(folder).items():
         if known.get(name) != digest:
             msg = (
-                f"{folder / name} is not what the sweep wrote (its SHA-256 differs); "
-                "restore it from a copy, take it away, or write it again with "
-                "`simval sweep ... --resume`"
+                f"{folder / name} has changed since the sweep wrote it (its SHA-256 "
+                "differs); restore it from a copy, remove it, or write it again "
+                "with `simval sweep ... --resume`"
             )
             raise InputError(msg)
 
@@ -291,7 +291,7 @@ class _Manifest(BaseModel):
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
     """Read the manifest: what the numbers of the run depend on."""
     try:
-        content: dict[str, Any] = json.loads(entry(database, "manifest"))
+        content = json.loads(entry(database, "manifest"))
         _Manifest.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]

@@ -14,7 +14,7 @@ Paths in a suite file are relative to its folder, and so are words of a command 
 files in it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -52,6 +52,10 @@ MOST_FAULTS = 20
 Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
 
 
+Grid = Mapping[str, Any]
+"""Title, seeds and the table of each study, as a file has them."""
+
+
 @dataclass(frozen=True, slots=True)
 class Suite:
     """A validated suite: its cells in order, and the file it came from."""
@@ -59,7 +63,7 @@ class Suite:
     name: str  # built-in, or the file's stem
     title: str  # one line for people
     cells: Sequence[Cell]  # all of the grid for each seed in turn
-    grid: Mapping[str, Any]  # the file's content after overrides, for the manifest
+    grid: Grid  # the file's content after overrides, for the manifest
 
 
 def suite_model() -> type[BaseModel]:
@@ -140,7 +144,7 @@ def load_suite(
     return expand(stem, content)
 
 
-def expand(name: str, content: Mapping[str, Any]) -> Suite:
+def expand(name: str, content: Grid) -> Suite:
     """Validate the content of a suite and expand its grid to cells.
 
     Raises
@@ -153,8 +157,8 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
     studies = [key for key in STUDIES if getattr(model, key) is not None]
     if not studies:
         msg = (
-            f"suite {name} names no study, so it would measure nothing; "
-            f"add a table for one of {', '.join(STUDIES)}"
+            f"suite {name} names no study, so it would measure nothing; add a "
+            f"table for one of {', '.join(STUDIES)}"
         )
         raise InputError(msg)
     _require_size(name, model)
@@ -287,7 +291,7 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
     names = [w for w in words if w.isidentifier() and w not in ("int", "float", "str")]
     path = ".".join(names[:2]) or "the file"
     if error["type"] == "extra_forbidden":
-        known: Sequence[str] = tuple(model.model_fields)
+        known = tuple(model.model_fields)
         if len(words) > 1 and words[0] in STUDIES:
             known = tuple(STUDIES[words[0]].parameters.model_fields)
         near = did_you_mean(words[-1], known)
@@ -326,19 +330,27 @@ def _require_size(name: str, suite: BaseModel) -> None:
         raise InputError(msg)
 
 
-def beside(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The content of a suite file, its paths of plug-ins relative to its folder."""
-    resolved = dict(content)
-    for study in resolved.keys() & STUDIES.keys():
-        table, field = resolved[study], STUDIES[study].parameters.plugin
+def plugins_of(grid: Grid) -> Iterator[tuple[str, str, list[Any]]]:
+    """Studies that take a plug-in, with their field for it and what a suite names."""
+    for study, table in grid.items():
+        field = STUDIES[study].parameters.plugin if study in STUDIES else ""
         if isinstance(table, Mapping) and field in table:
-            words = [
-                located(each, str(folder)) if isinstance(each, str) else each
-                for each in _as_list(table[field])
-            ]
-            several = isinstance(table[field], list)
-            resolved[study] = {**table, field: words if several else words[0]}
-    return resolved
+            yield study, field, _as_list(table[field])
+
+
+def respelled(grid: Grid, spell: Callable[[str], str]) -> dict[str, Any]:
+    """A grid with its plug-ins spelled in another way."""
+    found = dict(grid)
+    for study, field, texts in plugins_of(grid):
+        words = [spell(each) if isinstance(each, str) else each for each in texts]
+        listed = isinstance(grid[study][field], list)
+        found[study] = {**grid[study], field: words if listed else words[0]}
+    return found
+
+
+def beside(content: Grid, folder: Path) -> dict[str, Any]:
+    """The content of a suite file, its paths of plug-ins relative to its folder."""
+    return respelled(content, lambda each: located(each, str(folder)))
 
 
 def require_plugins(cells: Iterable[Cell]) -> None:

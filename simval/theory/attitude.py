@@ -34,7 +34,6 @@ from simval.theory.expansion import (
     scaled_error_moments,
     second_order_bias,
     second_order_covariance,
-    tangent_projector,
     two_vector_direction,
 )
 from simval.theory.series import require_distribution, series_moments
@@ -43,6 +42,8 @@ from simval.theory.two_vector import (
     WHOLE,
     Columns,
     Frame,
+    Index,
+    Noise,
     TwoVectorGeometry,
     chosen_columns,
     column_norms,
@@ -51,6 +52,7 @@ from simval.theory.two_vector import (
     normalized_noise,
     own_axes,
     require_apart,
+    tangent_projector,
     turned_geometry,
     unit_arguments,
     vectors_of,
@@ -85,7 +87,7 @@ def flat_samples(
     q: Float[Array, "... 4"],
     r1: Float[Array, "... 3"],
     r2: Float[Array, "... 3"],
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> Samples:
     """Samples of a batch, its axes made one."""
     batch = q.shape[:-1]
@@ -144,9 +146,7 @@ def combined_of(samples: Samples, normalized: bool) -> Found:
     return _by_blocks(of, len(samples.q))
 
 
-def exact_of_columns(
-    samples: Samples, columns: Columns, batch: tuple[int, ...]
-) -> Found:
+def exact_of_columns(samples: Samples, columns: Columns, batch: Index) -> Found:
     """Exact moments, each sample in its frame.
 
     Raises
@@ -163,7 +163,7 @@ def exact_of_columns(
 def arithmetic_of(
     samples: Samples,
     columns: Columns,
-    batch: tuple[int, ...],
+    batch: Index,
     made: Callable[..., Callable[..., Any]],
     moments_of: Callable[..., Moments],
     truth: Float[Array, "n 4"],
@@ -207,7 +207,7 @@ def _by_blocks(of: Callable[[slice], Found], count: int) -> Found:
 
 def _mapped_back(geometry: TwoVectorGeometry, bias: Array, covariance: Array) -> Found:
     back = geometry.back
-    turned = back @ covariance @ back.swapaxes(-1, -2)
+    turned = back @ covariance @ back.mT
     return np.matvec(back, bias), turned, geometry.q_true, geometry.norm
 
 
@@ -351,7 +351,7 @@ def attitude_moments(
         require_apart(*unit[1:])
     if combined:
         columns = np.asarray(np.argmax(np.abs(column_norms(*unit)), axis=-1))
-        names: Any = np.full(batch, frame)
+        names = np.full(batch, frame)
     else:
         columns = chosen_columns(*unit, frame)
         names = np.array(FRAMES)[columns]
@@ -412,7 +412,7 @@ def multiplicative_moments(additive: AttitudeMoments) -> Moments:
     """
     q = instance("additive", additive, AttitudeMoments).q_true
     rows = -compose(conjugate(q)[..., None, :], np.eye(4))
-    back = rows.swapaxes(-1, -2)
+    back = rows.mT
     return Moments(
         bias=np.matvec(back, additive.bias),
         covariance=back @ additive.covariance @ rows,

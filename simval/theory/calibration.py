@@ -56,6 +56,7 @@ from simval.arrays import Array, ReadOnly, noise_levels, positive_number
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.sensor import AccelerometerModel, forms
+from simval.moments import deviations
 from simval.poses import PARAMETERS, observability, one_set
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating, Weights
@@ -97,7 +98,7 @@ class CalibrationMoments(ReadOnly):
     @property
     def sd(self) -> Float[Array, "9"]:
         """Standard deviation of each parameter, (9,)."""
-        return np.sqrt(np.diagonal(self.covariance))
+        return deviations(self.covariance)
 
     @property
     def sd_remainder(self) -> Float[Array, "9"]:
@@ -164,8 +165,9 @@ def calibration_moments(
     if found.rank < PARAMETERS:
         helps = ", ".join(f"{x:.2f}" for x in found.next_direction)
         msg = (
-            f"the {len(u)} directions have rank {found.rank} of {PARAMETERS}; nothing "
-            f"can be predicted for what they cannot observe: add ({helps})"
+            f"the {len(u)} directions have rank {found.rank} of {PARAMETERS}, "
+            "so some parameters cannot be observed and nothing can be "
+            f"predicted: add ({helps})"
         )
         raise GeometryError(msg)
     equations = _equations(model, u, g, sigma, residual, form)
@@ -186,6 +188,11 @@ def calibration_moments(
     )
 
 
+def in_form(form: str, model: AccelerometerModel) -> Float[Array, "9"]:
+    """Parameters of a sensor in a form."""
+    return forms.from_gram(form, model.matrix.T @ model.matrix, model.B)
+
+
 def _natural_sizes(form: str, scale: Array, g: float) -> Array:
     # size s of the nine parameters, eq. (K3)
     first = np.full(6, scale.max())
@@ -202,20 +209,20 @@ def _equations(
     residual: str,
     form: str,
 ) -> Estimating:
-    theta = forms.from_gram(form, model.matrix.T @ model.matrix, model.B)
+    theta = in_form(form, model)
 
     def rows(
         theta: Inexact[Array, "t 9"], y: Inexact[Array, "t n 3"]
     ) -> Inexact[Array, "t n 1"]:
         M = forms.matrix(form, theta) / g
-        f = (y - theta[:, None, 6:]) @ np.swapaxes(M, -1, -2)
+        f = (y - theta[:, None, 6:]) @ M.mT
         square = np.sum(f * f, axis=-1, keepdims=True)
         if residual == "norm":
-            return np.asarray(np.sqrt(square) - 1.0)
+            return np.sqrt(square) - 1.0
         if residual == "sampson":
             q = np.sum((f @ M) ** 2, axis=-1, keepdims=True)
-            return np.asarray((square - 1.0) / np.sqrt(4.0 * q))
-        return np.asarray(square - 1.0)
+            return (square - 1.0) / np.sqrt(4.0 * q)
+        return square - 1.0
 
     readings = g * np.linalg.solve(model.matrix, u.T).T + model.B
     noise = np.repeat(sigma[:, None], 3, axis=1)

@@ -114,12 +114,12 @@ def bound_left(
     slopes = forms.matrix_derivatives("triangular", sensor.parameters) @ np.linalg.inv(
         M
     )
-    stretch = (slopes + np.swapaxes(slopes, -1, -2)) / 2.0 * g / np.sqrt(3.0)
+    stretch = (slopes + slopes.mT) / 2.0 * g / np.sqrt(3.0)
     weight = np.zeros((12, 9))
     weight[:9, :6] = stretch.reshape(6, 9).T
     weight[9:, 6:] = M
     chosen = weight[:, list(places)]
-    return float(np.sqrt(np.trace(chosen @ bound @ chosen.T)))
+    return np.sqrt(np.trace(chosen @ bound @ chosen.T))
 
 
 def least_left(sensor: AccelerometerModel, places: tuple[int, ...], g: float) -> float:
@@ -144,7 +144,7 @@ def least_left(sensor: AccelerometerModel, places: tuple[int, ...], g: float) ->
         if 3 not in places or np.all(
             np.abs(nearest - scales) <= SETTLED * np.abs(scales)
         ):
-            return float(g * np.sqrt(np.sum((stretch - 1.0) ** 2) / 3.0))
+            return g * np.sqrt(np.sum((stretch - 1.0) ** 2) / 3.0)
         scales = nearest
     msg = (
         f"the least that scales can leave is not found in {STEPS} steps; the sensor is "

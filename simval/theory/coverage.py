@@ -22,6 +22,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
+from simval.moments import deviations
 from simval.shapes import Float
 
 Coverage = tuple[Array, Array]
@@ -98,7 +99,7 @@ def bias_square(
     bias: Float[Array, " p"], left: Float[Array, " p"], covariance: Float[Array, "p p"]
 ) -> tuple[float, float]:
     r"""Non-centrality :math:`\lambda` of eq. (B2), and what it may be off by."""
-    sd = np.sqrt(np.diagonal(covariance))
+    sd = deviations(covariance)
     inverse = np.linalg.inv(covariance / np.outer(sd, sd))
     b, d = bias / sd, left / sd
     pulled = inverse @ b

@@ -135,7 +135,7 @@ def _bound_of(
     known = [i >= n and not noise[..., i, :, :].any() for i in range(count)]
     # noise along a vector does not enter, so there is some: a solution is then regular
     along = vectors[..., :, None] * vectors[..., None, :]
-    size = np.trace(noise, axis1=-2, axis2=-1)[..., None, None]
+    size = np.linalg.trace(noise)[..., None, None]
     left = np.max(np.abs(noise @ along), axis=(-2, -1), keepdims=True)
     noise = noise + np.where(left <= TANGENT * size, size, 0.0) * along
     if not np.all((np.linalg.eigvalsh(noise)[..., 0] > 0.0) | known):
@@ -149,25 +149,24 @@ def _bound_of(
     for i in range(n):
         b, r = vectors[..., i, :], vectors[..., n + i, :]
         B = cross_matrix(b)
-        own = B.swapaxes(-1, -2) @ np.linalg.solve(noise[..., i, :, :], B)
+        own = B.mT @ np.linalg.solve(noise[..., i, :, :], B)
         pair = noise[..., i, :, :], noise[..., n + i, :, :]
         information += own if known[n + i] else own - _lost(B, A, r, *pair)
     rotation = np.linalg.solve(information, np.eye(3))
-    rotation = (rotation + rotation.swapaxes(-1, -2)) / 2.0
+    rotation = (rotation + rotation.mT) / 2.0
     e, s = unit_q[..., :3], unit_q[..., 3, None, None]
     rows = s * np.eye(3) + cross_matrix(e), -e[..., None, :]
     half_xi = 0.5 * np.concatenate(rows, axis=-2)
-    quaternion = half_xi @ rotation @ half_xi.swapaxes(-1, -2)
+    quaternion = half_xi @ rotation @ half_xi.mT
     return AttitudeBound(rotation=rotation, quaternion=quaternion)
 
 
 def _lost(B: Array, A: Array, r: Array, body: Array, reference: Array) -> Array:
     # information that the unknown direction of r takes away
-    T = np.linalg.svd(r[..., None, :])[2][..., 1:, :].swapaxes(-1, -2)
+    T = np.linalg.svd(r[..., None, :])[2][..., 1:, :].mT
     AT = A @ T
     W_AT = np.linalg.solve(body, AT)
-    nuisance = AT.swapaxes(-1, -2) @ W_AT
-    nuisance += T.swapaxes(-1, -2) @ np.linalg.solve(reference, T)
-    mixed = B.swapaxes(-1, -2) @ W_AT
-    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.swapaxes(-1, -2))
-    return lost
+    nuisance = AT.mT @ W_AT
+    nuisance += T.mT @ np.linalg.solve(reference, T)
+    mixed = B.mT @ W_AT
+    return mixed @ np.linalg.solve(nuisance, mixed.mT)

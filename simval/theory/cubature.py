@@ -41,6 +41,8 @@ MOST_NODES = 10_000_000
 """More take minutes and gigabytes."""
 Node = tuple[tuple[int, float], ...]
 """Axis and value of the coordinates of a node that are not zero."""
+Levels = tuple[tuple[int, int], ...]
+"""Axis and level above the first of the axes that have one."""
 
 
 @lru_cache(maxsize=8)
@@ -103,11 +105,9 @@ def _hermite(count: int) -> list[tuple[float, float]]:
     return list(zip(nodes.tolist(), (weights / weights.sum()).tolist(), strict=True))
 
 
-def _compositions(dimension: int, excess: int) -> Iterator[tuple[tuple[int, int], ...]]:
-    # all (axis, level above the first) with levels above the first summing to excess
-    def extend(
-        first: int, left: int, chosen: tuple[tuple[int, int], ...]
-    ) -> Iterator[tuple[tuple[int, int], ...]]:
+def _compositions(dimension: int, excess: int) -> Iterator[Levels]:
+    # all levels above the first that sum to excess
+    def extend(first: int, left: int, chosen: Levels) -> Iterator[Levels]:
         if left == 0:
             yield chosen
             return
@@ -119,7 +119,7 @@ def _compositions(dimension: int, excess: int) -> Iterator[tuple[tuple[int, int]
 
 
 def _grid(
-    rules: list[list[tuple[float, float]]], levels: tuple[tuple[int, int], ...]
+    rules: list[list[tuple[float, float]]], levels: Levels
 ) -> Iterator[tuple[Node, float]]:
     # nodes of one tensor product, as (axis, value) of the coordinates that are not 0
     axes = [axis for axis, _ in levels]
@@ -319,8 +319,7 @@ def joint_root(name: str, covariances: Any, vectors: Array) -> Float[Array, "m m
             "(k, 3) and (k, 3, 3), or (3k, 3k) where vectors are correlated"
         )
         raise InputError(msg)
-    root: Array = scipy.linalg.block_diag(*roots)
-    return root
+    return scipy.linalg.block_diag(*roots)
 
 
 def covariance_roots(covariances: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
@@ -331,5 +330,4 @@ def covariance_roots(covariances: Float[Array, "k n n"]) -> Float[Array, "k n n"
     """
     values, vectors = np.linalg.eigh(covariances)
     scaled = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    roots: Array = scaled @ vectors.swapaxes(-1, -2)
-    return roots
+    return scaled @ vectors.mT

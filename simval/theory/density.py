@@ -306,7 +306,7 @@ def _on_circle(
     maps, basis = direction_maps(u)
     m0 = maps @ (np.concatenate([geometry.d1, geometry.s1]) - slope @ geometry.d2)
     m1 = np.matvec(maps, u @ slope.T)
-    S = np.linalg.inv(maps @ C1 @ maps.swapaxes(1, 2))
+    S = np.linalg.inv(maps @ C1 @ maps.mT)
     y = np.vecmat(y, basis)
     pulled = np.matvec(S, y)
     A = np.vecdot(y, pulled)
@@ -324,8 +324,7 @@ def _on_circle(
         size = np.exp(-0.5 * (rest - linear**2 / square)) * np.maximum(polynomial, 0.0)
     size *= np.sqrt(np.linalg.det(S) * np.linalg.det(inverse)) * A**-1.5 * root**-3
     circle = np.bincount(kept % len(q), size, minlength=len(q))
-    density: Array = circle / (2.0 * np.pi * nodes) / length
-    return density
+    return circle / (2.0 * np.pi * nodes) / length
 
 
 def _along(u: Array, d2: Array, inverse: Array) -> Array:
@@ -335,8 +334,7 @@ def _along(u: Array, d2: Array, inverse: Array) -> Array:
     scale = np.sqrt(np.linalg.det(inverse)) / (2.0 * np.pi)
     with np.errstate(under="ignore"):
         tilted = np.exp(-0.5 * (d2 @ inverse @ d2 - t * t))
-    density: Array = tilted * _half_line(t)[2] * scale * A**-1.5
-    return density
+    return tilted * _half_line(t)[2] * scale * A**-1.5
 
 
 def _half_line(tau: Array) -> list[Array]:

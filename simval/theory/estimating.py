@@ -115,22 +115,19 @@ class Estimating:
     @cached_property
     def bound(self) -> Float[Array, "p p"]:
         """The Cramer-Rao bound, eq. (E3)."""
-        weighed = self._solve([at.J for at in self._slopes])
-        bound = inverse_of(self._squared(weighed))
+        bound = inverse_of(self._squared(self._VJ))
         return bound * self._least**2 * np.outer(self._unit, self._unit)
 
     @cached_property
     def rank(self) -> int:
         """Number of parameter combinations that the rows determine."""
-        return rank_of(self._squared(self._solve([at.J for at in self._slopes])))
+        return rank_of(self._squared(self._VJ))
 
     @cached_property
     def information(self) -> Float[Array, "b p p"]:
         """Information of each block of rows; eq. (E3) inverts their sum."""
-        parts = zip(
-            self._slopes, self._solve([at.J for at in self._slopes]), strict=True
-        )
-        each = np.concatenate([np.swapaxes(at.J, 1, 2) @ w for at, w in parts])
+        parts = zip(self._slopes, self._VJ, strict=True)
+        each = np.concatenate([at.J.mT @ w for at, w in parts])
         return each / (self._least**2 * np.outer(self._unit, self._unit))
 
     @cached_property
@@ -152,7 +149,7 @@ class Estimating:
     @cached_property
     def slope(self) -> Float[Array, "p z"]:
         """Change of the estimate by each noise of unit variance, eq. (E1)."""
-        return np.asarray((self._moved * (self._least * self._unit)).T)
+        return (self._moved * (self._least * self._unit)).T
 
     @cached_property
     def bias(self) -> Float[Array, " p"]:
@@ -168,10 +165,8 @@ class Estimating:
             one = np.broadcast_to(np.eye(d), (n, d, d))
             first = np.broadcast_to(spread, (n, p, p))
             # means of the products of the way and of itself, and of lambda and it
-            way = np.block([[first, np.swapaxes(by_noise, 1, 2)], [by_noise, one]])
-            pull = np.concatenate(
-                [WJ @ spread + pulled, WZ + WJ @ np.swapaxes(by_noise, 1, 2)], axis=2
-            )
+            way = np.block([[first, by_noise.mT], [by_noise, one]])
+            pull = np.concatenate([WJ @ spread + pulled, WZ + WJ @ by_noise.mT], axis=2)
             total += self._mean(at.Z, S, WJ, way, pull)
             if self.centred:
                 way[:, :p], way[:, :, :p] = 0.0, 0.0
@@ -194,7 +189,7 @@ class Estimating:
 
     def first(self, z: Float[Array, "t ..."]) -> Float[Array, "t p"]:
         """First order of each draw of the noises, of unit variance, eq. (E1)."""
-        return np.asarray(z.reshape(len(z), -1) @ self.slope.T)
+        return z.reshape(len(z), -1) @ self.slope.T
 
     def second(self, z: Float[Array, "t ..."]) -> Float[Array, "t p"]:
         """Second order of each draw of the noises, of unit variance, eq. (E2)."""
@@ -212,7 +207,7 @@ class Estimating:
             for at in self._slopes
         ]  # n t s
         rows = [
-            np.concatenate([at.J, at.Z], axis=2) @ np.swapaxes(way, 1, 2)
+            np.concatenate([at.J, at.Z], axis=2) @ way.mT
             for at, way in zip(self._slopes, ways, strict=True)
         ]
         for at, S, WJ, way, pull in zip(
@@ -222,7 +217,7 @@ class Estimating:
             curved = 0.5 * np.vecdot(bent, way[:, None])
             if self.weights == "estimate":
                 Z, by_noise = at.Z, bent[..., p:]
-                curved -= np.vecdot(by_noise, (np.swapaxes(pull, 1, 2) @ Z)[:, None])
+                curved -= np.vecdot(by_noise, (pull.mT @ Z)[:, None])
                 curved -= Z @ np.einsum("nmtd,nmt->ndt", by_noise, pull)
             total += np.einsum("nmtp,nmt->tp", bent[..., :p], pull)
             total += np.einsum("nmp,nmt->tp", WJ, curved)
@@ -237,7 +232,7 @@ class Estimating:
             curved -= np.einsum("nmds,nkd,nks->nm", by_noise, Z, pull, optimize=True)
             curved -= np.einsum("nmd,nkds,nks->nm", Z, by_noise, pull, optimize=True)
         turned = np.einsum("nmps,nms->p", S[:, :, :p], pull)
-        return np.asarray(turned + np.einsum("nmp,nm->p", WJ, curved))
+        return turned + np.einsum("nmp,nm->p", WJ, curved)
 
     @cached_property
     def _least(self) -> float:
@@ -283,7 +278,7 @@ class Estimating:
                         weight / _STEP
                     )
             bend = np.moveaxis(bend, 0, -1)
-            bend = (bend + np.swapaxes(bend, -1, -2)) / 2.0
+            bend = (bend + bend.mT) / 2.0
             made.append(bend * back[:, None, :, None] * back[:, None, None, :])
         return made
 
@@ -324,7 +319,7 @@ class Estimating:
     def _V(self) -> list[Array]:
         # of each block alone, or of all rows where they share noises
         if not self._shared:
-            return [at.Z @ np.swapaxes(at.Z, 1, 2) for at in self._slopes]
+            return [at.Z @ at.Z.mT for at in self._slopes]
         Z = np.concatenate([wide.reshape(-1, wide.shape[-1]) for wide in self._wide])
         return [Z @ Z.T]
 
@@ -336,6 +331,10 @@ class Estimating:
         ends = np.cumsum([len(r) for r in flat])[:-1]
         parts = np.split(np.linalg.solve(self._V[0], np.concatenate(flat)), ends)
         return [part.reshape(r.shape) for part, r in zip(parts, rows, strict=True)]
+
+    @cached_property
+    def _VJ(self) -> list[Float[Array, "n m p"]]:
+        return self._solve([at.J for at in self._slopes])
 
     def _weigh(self, rows: list[Array]) -> list[Array]:
         return rows if self.weights == "none" else self._solve(rows)
@@ -385,4 +384,4 @@ def inverse_of(information: Float[Array, "p p"]) -> Float[Array, "p p"]:
     """The inverse, by way of columns of equal length."""
     scale = np.sqrt(np.diagonal(information))
     whole = np.linalg.inv(information / np.outer(scale, scale))
-    return np.asarray((whole + whole.T) / 2.0 / np.outer(scale, scale))
+    return (whole + whole.T) / 2.0 / np.outer(scale, scale)

@@ -140,8 +140,7 @@ def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
             -first[0, 1] - c * first[2, 2] / (2.0 * s),
         ]
     )
-    mean: Array = axes @ turn
-    return mean
+    return axes @ turn
 
 
 def direct_covariance(
@@ -176,7 +175,7 @@ def direct_covariance(
     along = np.stack([normal, normal, r3, r3], axis=-2)
     variances = np.vecdot(np.matvec(noise, along), along)
     maps = np.concatenate([across + about, about - across], axis=-1)
-    return (maps * variances[..., None, :]) @ maps.swapaxes(-1, -2)
+    return (maps * variances[..., None, :]) @ maps.mT
 
 
 def wahba_moments(
@@ -237,7 +236,7 @@ def wahba_moments(
     if noise.ndim == 2:
         each = np.stack([noise[i : i + 3, i : i + 3] for i in range(0, 6 * n, 3)])
     means, across = normalized_noise(vectors, each)
-    roots = covariance_roots(across).swapaxes(1, 2)  # rows are the noise directions
+    roots = covariance_roots(across).mT  # rows are the noise directions
     changes = np.concatenate(
         [
             a[:, None, None, None] * _gain(roots[:n], vectors[n:, None]),
@@ -307,9 +306,9 @@ def _gain(b: Shaped[Array, "... 3"], r: Shaped[Array, "... 3"]) -> Any:
     # the symmetric matrix with q' K q = b' A(q) r, bilinear in b and r
     outer = b[..., :, None] * r[..., None, :]
     turn = np.cross(b, r)
-    trace = np.asarray(np.trace(outer, axis1=-2, axis2=-1))[..., None, None]
+    trace = np.asarray(np.linalg.trace(outer))[..., None, None]
     top = np.concatenate(
-        [outer + outer.swapaxes(-1, -2) - trace * np.eye(3), turn[..., None]], axis=-1
+        [outer + outer.mT - trace * np.eye(3), turn[..., None]], axis=-1
     )
     bottom = np.concatenate([turn[..., None, :], trace], axis=-1)
     return np.concatenate([top, bottom], axis=-2)
@@ -322,8 +321,7 @@ def _optimum(q: Array, a: Array, *vectors: Array) -> Array:
     pairs = zip(a, directions[:n], directions[n:], strict=True)
     K = sum(weight * _gain(b, r) for weight, b, r in pairs)
     top = np.linalg.eigh(K)[1][..., -1]
-    found: Array = top * np.copysign(1.0, top @ q)[..., None]
-    return found
+    return top * np.copysign(1.0, top @ q)[..., None]
 
 
 def _optimum_series(
@@ -372,7 +370,7 @@ def _require_resolved(
     # that rounding, over the square of K's gap, does not count
     total = float(np.sum(a))
     inverse_gap = total * float(np.abs(R).max())
-    traces = np.trace(noise, axis1=1, axis2=2).reshape(2, -1).sum(axis=0)
+    traces = np.linalg.trace(noise).reshape(2, -1).sum(axis=0)
     spread = float(np.sum((a / total) ** 2 * traces)) * inverse_gap
     off = EPS * spread * inverse_gap * (1.0 + spread * (order != 2))
     share = _ROUNDING
@@ -391,8 +389,7 @@ def _resolvent(K: Array, q: Array, top: float) -> Array:
     # pseudo-inverse of top - K, whose kernel is q
     values, vectors = np.linalg.eigh(top * np.eye(4) - K + top * np.outer(q, q))
     inverse = (vectors / values) @ vectors.T
-    R: Array = inverse - np.outer(q, q) / top
-    return R
+    return inverse - np.outer(q, q) / top
 
 
 def _weights(weights: Any, n: int) -> Array:

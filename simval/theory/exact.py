@@ -67,15 +67,18 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from simval.arrays import Array, Scalars, frozen
+from simval.arrays import Array, Mask, Scalars, frozen
 from simval.errors import RefusedError
 from simval.geometry import cross, cross_matrix
 from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.expansion import half_noise
-from simval.theory.two_vector import TwoVectorGeometry, naming
+from simval.theory.two_vector import Noise, TwoVectorGeometry, naming
+
+Rule = tuple[Array, Array]
+"""Directions or other nodes, and their weights."""
+MeanAndCovariance = tuple[Array, Array]
 
 # Azimuth nodes, with `_MORE` polar ones, about the direction of d2. Far from singular
 # the second rule suffices, which the first only checks.
@@ -152,15 +155,23 @@ def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
 def _panel(
     low: float, high: Any, count: int
 ) -> tuple[Float[Array, "... count"], Float[Array, "... count"]]:
-    x, w = _legendre(count)
+    x, w = _gauss("legendre", count)
     half = 0.5 * (np.asarray(high) - low)[..., None]
     return low + half * (x + 1.0), half * w
 
 
-@lru_cache(maxsize=32)
-def _legendre(count: int) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
+_GAUSS: Final = {
+    "legendre": np.polynomial.legendre.leggauss,
+    "hermite": np.polynomial.hermite_e.hermegauss,
+}
+
+
+@lru_cache(maxsize=64)
+def _gauss(
+    kind: str, count: int
+) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
     # half of the time of an exact answer, if it is worked out anew for each panel
-    x, w = np.polynomial.legendre.leggauss(count)
+    x, w = _GAUSS[kind](count)
     return frozen(x), frozen(w)
 
 
@@ -174,7 +185,7 @@ def _grid(
     across = np.sin(theta)[..., None, :, None] * ring[..., None, :]
     directions = along[..., None] + across
     # component by component in memory, as what works on them wants it
-    flat = directions.reshape(*pole.shape, -1).swapaxes(-1, -2)
+    flat = directions.reshape(*pole.shape, -1).mT
     return flat, 2.0 * np.pi / count
 
 
@@ -194,7 +205,7 @@ def _density(
     t = k * cosine
     tilted = np.exp(-0.5 * (k * sine) ** 2)
     bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * scipy.special.ndtr(t)
-    density: Array = tilted * bulk + t * np.exp(-0.5 * k * k)
+    density = tilted * bulk + t * np.exp(-0.5 * k * k)
     return density * (2.0 * np.pi) ** -1.5
 
 
@@ -208,7 +219,7 @@ _SERIES_RHO: Final = 1e-2
 
 def exact_moments(
     geometry: TwoVectorGeometry,
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
     """Exact bias and covariance of q - qhat in the turned frame, of each sample.
 
@@ -239,7 +250,7 @@ def exact_moments(
 
 def _moments_about_d2(
     geometry: TwoVectorGeometry, tau: Float[Array, "2 n"]
-) -> tuple[Float[Array, "n 4"], Float[Array, "n 4 4"], NDArray[np.bool_]]:
+) -> tuple[Float[Array, "n 4"], Float[Array, "n 4 4"], Mask]:
     # under isotropic noise, and where two rules agree
     n = len(geometry.q)
     bias, covariance = np.full((n, 4), np.inf), np.zeros((n, 4, 4))
@@ -261,7 +272,7 @@ def _moments_about_d2(
 
 def _moments_about_d1(
     geometry: TwoVectorGeometry, tau1: float, tau2: float
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     # of one geometry under isotropic noise, after the last rule about d2
     d1 = np.linalg.norm(geometry.d1)
     across = np.linalg.norm(cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
@@ -269,7 +280,7 @@ def _moments_about_d1(
     if tau2 > 0.0:
         scale = max(scale, 0.4 * float(across) / tau2)
 
-    def rules() -> Iterator[tuple[Array, Array]]:
+    def rules() -> Iterator[Rule]:
         yield about_d2(geometry.d2, tau2, (_MORE + _ABOUT_D2[-1], _ABOUT_D2[-1]))
         for nodes in _refined(_ABOUT_D1, scale, *_AZIMUTHS):
             yield _about_d1(geometry.d1, geometry.d2, (tau1, tau2), nodes)
@@ -289,11 +300,11 @@ def _refined(
 
 
 def converged(
-    rules: Iterable[tuple[Array, Array]],
-    functional: Callable[[Array, Array], tuple[Array, Array]],
+    rules: Iterable[Rule],
+    functional: Callable[[Array, Array], MeanAndCovariance],
     norm: float,
     spread: tuple[float, float],
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     """Moments by directions and weights, by rules that refine until two agree.
 
     Raises
@@ -301,7 +312,7 @@ def converged(
     RefusedError
         If the finest two rules do not agree within 1e-9.
     """
-    previous: tuple[Array, Array] | None = None
+    previous: MeanAndCovariance | None = None
     gap = np.inf
     for directions, weights in rules:
         total = weights.sum()
@@ -319,7 +330,7 @@ def converged(
     raise RefusedError(msg)
 
 
-def _gap(previous: tuple[Array, Array], found: tuple[Array, Array], total: Any) -> Any:
+def _gap(previous: MeanAndCovariance, found: MeanAndCovariance, total: Any) -> Any:
     # Greatest relative change of bias and covariance, and what the density is off 1.
     # q - w is rounded to 1e-16, so at noise below 1e-7 a mean cannot agree better than
     # 1e-15, nor a covariance better than 1e-15 standard deviations.
@@ -329,7 +340,7 @@ def _gap(previous: tuple[Array, Array], found: tuple[Array, Array], total: Any) 
     return np.maximum(np.maximum(mean / (bias + 1e-6), relative), np.abs(total - 1.0))
 
 
-def _sizes(moments: tuple[Array, Array]) -> tuple[Scalars, Scalars]:
+def _sizes(moments: MeanAndCovariance) -> tuple[Scalars, Scalars]:
     # norms of bias and covariance
     bias, covariance = moments
     flat = covariance.reshape(*bias.shape[:-1], 16)
@@ -337,8 +348,8 @@ def _sizes(moments: tuple[Array, Array]) -> tuple[Scalars, Scalars]:
 
 
 def isotropic(
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
-) -> NDArray[np.bool_]:
+    noise: Noise,
+) -> Mask:
     """True if every covariance is a multiple of the identity, but for rounding.
 
     Never of stacked vectors, which may be correlated with each other.
@@ -372,7 +383,7 @@ def _moments_isotropic(
     weights: Float[Array, "... n"],
 ) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
     # Bias and covariance from eq. (E1) averaged over the directions
-    u = directions.swapaxes(-1, -2)
+    u = directions.mT
     m = maps @ u
     length = np.sqrt(np.einsum("...in,...in->...n", m, m))
     w = m / np.where(length > 0.0, length, 1.0)[..., None, :]
@@ -384,10 +395,10 @@ def _moments_isotropic(
     mean_w = np.matvec(w, a)
     bias = np.matvec(gap, weights) + mean_w
     # E[e e'|u] = gap gap' + a (q w' + w q') - b w w' + b/2 (R - w w')
-    second = (weights[..., None, :] * gap) @ gap.swapaxes(-1, -2)
-    second -= 3.0 * (half[..., None, :] * w) @ w.swapaxes(-1, -2)
+    second = (weights[..., None, :] * gap) @ gap.mT
+    second -= 3.0 * (half[..., None, :] * w) @ w.mT
     shortened = q[..., :, None] * mean_w[..., None, :]
-    second += shortened + shortened.swapaxes(-1, -2)
+    second += shortened + shortened.mT
     second += half.sum(axis=-1)[..., None, None] * np.eye(4)
     second[..., :3, :3] -= (half[..., None, :] * u) @ directions
     return bias, second - bias[..., :, None] * bias[..., None, :]
@@ -446,7 +457,7 @@ _HERMITE: Final = (8, 12, 18, 27)
 
 def exact_moments_any(
     geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"] | Float[Array, "12 12"]
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     """Exact bias and covariance of q - qhat in the turned frame, any covariances.
 
     Raises
@@ -466,7 +477,7 @@ def exact_moments_any(
 
 def _rules_any(
     geometry: TwoVectorGeometry, C1: Array, C2: Array, alone: bool
-) -> Iterator[tuple[Array, Array]]:
+) -> Iterator[Rule]:
     # d2 + R x for standard normal x, R R' = C2; directions alone where they suffice
     d2 = geometry.d2
     variances, axes = np.linalg.eigh(C2)
@@ -486,7 +497,7 @@ def _rules_any(
 
 def _whitened_rules(
     geometry: TwoVectorGeometry, C1: Array, centre: Array, root: Array
-) -> Iterator[tuple[Array, Array]]:
+) -> Iterator[Rule]:
     # about the directions of d2 and of d1 as R^-1 turns them
     for count in _NODES:
         yield about_d2(centre, 1.0, (_MORE + count, count))
@@ -503,16 +514,8 @@ def _whitened_rules(
         yield _about_d1(d1, centre, (float(tau1), 1.0), nodes)
 
 
-@lru_cache(maxsize=32)
-def _hermite(count: int) -> tuple[Array, Array]:
-    x, w = np.polynomial.hermite_e.hermegauss(count)
-    return frozen(x), frozen(w)
-
-
-def _hermite_rule(
-    d2: Array, variances: Array, axes: Array, count: int
-) -> tuple[Array, Array]:
-    x, w = _hermite(count)
+def _hermite_rule(d2: Array, variances: Array, axes: Array, count: int) -> Rule:
+    x, w = _gauss("hermite", count)
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
     weights = (w[:, None, None] * w[:, None] * w).ravel() / w.sum() ** 3
     kept = weights > 1e-22
@@ -531,14 +534,14 @@ def _moments_any(
     slope: Array | None,
     points: Array,
     weights: Array,
-) -> tuple[Array, Array]:
+) -> MeanAndCovariance:
     # bias and covariance from (E4), averaged over d2 or its directions
     maps, basis = direction_maps(_normalized(points))
     z1 = np.concatenate([geometry.d1, geometry.s1])
     m = maps @ z1
     if slope is not None:
         m = m + np.matvec(maps, (points - geometry.d2) @ slope.T)
-    variances, axes = np.linalg.eigh(maps @ C1 @ maps.swapaxes(1, 2))
+    variances, axes = np.linalg.eigh(maps @ C1 @ maps.mT)
     variances = np.maximum(variances, 0.0)
     means = (m[:, None, :] @ axes)[:, 0]
     delta, D = (np.empty((len(m), *shape)) for shape in ((3,), (3, 3)))
@@ -548,7 +551,7 @@ def _moments_any(
     q, axes = geometry.q, basis @ axes
     gap = q - (basis @ _normalized(m)[..., None])[..., 0]
     mean_delta = np.einsum("n,nij,nj->i", weights, axes, delta)
-    mean_D = np.tensordot(weights, axes @ D @ axes.swapaxes(1, 2), 1)
+    mean_D = np.tensordot(weights, axes @ D @ axes.mT, 1)
     bias = weights @ gap + mean_delta
     half = np.outer(q, mean_delta)
     second = (weights[:, None] * gap).T @ gap + half + half.T - mean_D
@@ -594,7 +597,7 @@ def _shortening(
     Z0, growth = (Z0 * second)[:, None], (growth * second)[:, None]
     # 1 - f_k f_l = g_k + g_l - g_k g_l
     one = np.sum(Z0 * g, axis=-1)
-    both = (Z0 * g) @ g.swapaxes(1, 2) + (growth * f) @ f.swapaxes(1, 2)
+    both = (Z0 * g) @ g.mT + (growth * f) @ f.mT
     D = means[:, :, None] * means[:, None, :] * (one[:, :, None] + one[:, None] - both)
     every = np.arange(3)
     D[:, every, every] -= variances[..., 0] * np.sum((Z0 + growth) * f, axis=-1)

@@ -95,7 +95,12 @@ from simval.arrays import Array, Scalars
 from simval.geometry import cross, cross_matrix
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
-from simval.theory.two_vector import TwoVectorGeometry, column_maps
+from simval.theory.two_vector import (
+    Noise,
+    TwoVectorGeometry,
+    column_maps,
+    tangent_projector,
+)
 
 # eps[j, a, k] with (v x w)_a = sum eps[j, a, k] v_j w_k
 _LEVI_CIVITA = np.stack([cross_matrix(row) for row in np.eye(3)])
@@ -151,7 +156,7 @@ def bilinear_map(geometry: TwoVectorGeometry) -> Float[Array, "... 4 6 3"]:
 
 def half_noise(
     geometry: TwoVectorGeometry,
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> tuple[
     Float[Array, "... 6 6"], Float[Array, "... 3 3"], Float[Array, "... 6 3"] | None
 ]:
@@ -166,7 +171,7 @@ def half_noise(
             [none, half + none, none, -turned],
         ]
         halves = np.block(rows)
-        C = halves @ noise @ halves.swapaxes(-1, -2)
+        C = halves @ noise @ halves.mT
         return C[..., :6, :6], C[..., 6:, 6:], C[..., :6, 6:]
     turn = geometry.turn[..., :, None] * geometry.turn[..., None, :]
     b1, b2 = noise[..., 0, :, :], noise[..., 1, :, :]
@@ -188,34 +193,29 @@ def mean_linear_error(
 
 def scaled_error_moments(
     geometry: TwoVectorGeometry,
-    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+    noise: Noise,
 ) -> ScaledErrorMoments:
     """Moments P, V and G of eqs. (X2) and (X3)."""
     J1, J2 = linear_maps(geometry)
     B = bilinear_map(geometry)
     C1, C2, C12 = half_noise(geometry, noise)
     batch = geometry.q.shape[:-1]
-    P = J1 @ C1 @ J1.swapaxes(-1, -2) + J2 @ C2 @ J2.swapaxes(-1, -2)
+    P = J1 @ C1 @ J1.mT + J2 @ C2 @ J2.mT
     spread = C1[..., None, :, :] @ B @ C2[..., None, :, :]  # (4, 6, 3)
     flat, mean = (*batch, 4, 18), np.zeros((*batch, 4))
-    half = J1[..., None, :, :] @ spread @ J2[..., None, :, :].swapaxes(-1, -2)
+    half = J1[..., None, :, :] @ spread @ J2[..., None, :, :].mT
     if C12 is not None:
-        across = J1 @ C12 @ J2.swapaxes(-1, -2)
-        P = P + across + across.swapaxes(-1, -2)
+        across = J1 @ C12 @ J2.mT
+        P = P + across + across.mT
         mean = np.sum(B * C12[..., None, :, :], axis=(-2, -1))
-        A1 = J1 @ C1 + J2 @ C12.swapaxes(-1, -2)
-        A2 = C2 @ J2.swapaxes(-1, -2) + C12.swapaxes(-1, -2) @ J1.swapaxes(-1, -2)
+        A1 = J1 @ C1 + J2 @ C12.mT
+        A2 = C2 @ J2.mT + C12.mT @ J1.mT
         half = A1[..., None, :, :] @ B @ A2[..., None, :, :]
         mixed = C12[..., None, :, :]
-        spread = spread + mixed @ B.swapaxes(-1, -2) @ mixed
-    V = spread.reshape(flat) @ B.reshape(flat).swapaxes(-1, -2)
-    G = half + half.swapaxes(-1, -2)
+        spread = spread + mixed @ B.mT @ mixed
+    V = spread.reshape(flat) @ B.reshape(flat).mT
+    G = half + half.mT
     return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=G, mean=mean)
-
-
-def tangent_projector(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
-    r"""Projector :math:`\Pi = I - q q^T` onto the plane tangent to the sphere at q."""
-    return np.eye(4) - _outer(q, q)
 
 
 def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
@@ -235,8 +235,7 @@ def second_order_length(
     q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
 ) -> Float[Scalars, "..."]:
     """Mean of |q|/|q - x| less 1 where x has no mean, source eq. (51)."""
-    half_trace: Scalars = -0.5 * _trace(normalization_matrix(q) @ P)
-    return half_trace
+    return -0.5 * _trace(normalization_matrix(q) @ P)
 
 
 def second_order_covariance(
@@ -244,15 +243,14 @@ def second_order_covariance(
 ) -> Float[Array, "... 4 4"]:
     """Covariance of q - qhat, source eq. (63) without its last term."""
     projector = tangent_projector(q)
-    covariance: Array = projector @ P @ projector
-    return covariance
+    return projector @ P @ projector
 
 
 def quadratic_form(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4 4"]:
     """Tensor T of the second-order term of (O1): component b is x' T[b] x."""
     half = 0.5 * np.eye(4)[:, :, None] * q[..., None, None, :]
     square = q[..., :, None, None] * normalization_matrix(q)[..., None, :, :]
-    return half + half.swapaxes(-1, -2) + 0.5 * square
+    return half + half.mT + 0.5 * square
 
 
 def quadratic_covariance(
@@ -260,9 +258,8 @@ def quadratic_covariance(
 ) -> Float[Array, "... 4 4"]:
     """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean."""
     scaled = quadratic_form(q) @ P[..., None, :, :]
-    turned = _flat(scaled.swapaxes(-1, -2))
-    covariance: Array = 2.0 * _flat(scaled) @ turned.swapaxes(-1, -2)
-    return covariance
+    turned = _flat(scaled.mT)
+    return 2.0 * _flat(scaled) @ turned.mT
 
 
 def paper_fourth_covariance(
@@ -279,13 +276,13 @@ def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "...
     projector = tangent_projector(q)
     bilinear = projector @ moments.V @ projector
     # E[Pi x2 Q2'], E[x1 2 Q2(x1, x2)'] and E[x1 Q3']
-    mixed = projector @ _flat(G) @ _flat(T).swapaxes(-1, -2)
+    mixed = projector @ _flat(G) @ _flat(T).mT
     # sum over c and d of G[d, a, c] T[b, c, d]
     by_a = _flat(np.moveaxis(_about_zero(moments), -3, -1))
-    second_third = 2.0 * by_a @ _flat(T).swapaxes(-1, -2)
+    second_third = 2.0 * by_a @ _flat(T).mT
     third = P @ _mean_cubic_gradient(q, P)
     half = mixed + projector @ (second_third + third)
-    return paper_fourth_covariance(q, P) + bilinear + half + half.swapaxes(-1, -2)
+    return paper_fourth_covariance(q, P) + bilinear + half + half.mT
 
 
 def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "... 4"]:
@@ -328,7 +325,7 @@ def _cubic_bias(
     qG = np.vecmat(q, _flat(G)).reshape(*q.shape, 4)  # contracts x2 with q
     contracted = np.trace(G, axis1=-3, axis2=-2)  # E[(x1.x2) x1]
     along = np.matvec(np.matvec(G, q[..., None, :]), q)  # E[x2 u^2]
-    squared = np.trace(G, axis1=-2, axis2=-1)  # E[x2 r]
+    squared = np.linalg.trace(G)  # E[x2 r]
     turned = np.vecmat(q, qG)
     inside = 7.5 * _dot(turned, q) - 1.5 * _trace(qG)[..., None]
     inside = inside - 3.0 * _dot(q, contracted)
@@ -355,7 +352,7 @@ def _outer(a: Array, b: Array) -> Array:
 
 
 def _trace(matrices: Array) -> Any:
-    return np.trace(matrices, axis1=-2, axis2=-1)
+    return np.linalg.trace(matrices)
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -413,8 +410,7 @@ def mapped_column(
     if symmetric:
         scalar = np.sum(s1 * d2 - s2 * d1, axis=-1, keepdims=True) / 2
     qbar = np.concatenate([cross(d1, d2), scalar], axis=-1)
-    column: Array = qbar @ back.T
-    return column
+    return qbar @ back.T
 
 
 def column_matrix(
@@ -440,7 +436,7 @@ def two_vector_direction(
         if frame != "combined":
             return sign * unit(mapped_column(b1, b2, r1, r2, place, symmetric=False))
         M = column_matrix(b1, b2, r1, r2)
-        step = M @ (M.swapaxes(-1, -2) @ M[..., place, None])
+        step = M @ (M.mT @ M[..., place, None])
         return sign * unit(step[..., 0])
 
     return estimate
@@ -448,8 +444,7 @@ def two_vector_direction(
 
 def unit(v: Shaped[Array, "... m"]) -> Shaped[Array, "... m"]:
     """Direction of vectors, of numbers or of power series."""
-    direction: Array = v * np.sum(v * v, axis=-1, keepdims=True) ** -0.5
-    return direction
+    return v * np.sum(v * v, axis=-1, keepdims=True) ** -0.5
 
 
 def combined_moments(
@@ -468,12 +463,12 @@ def combined_moments(
     turned = np.vecmat(q[..., None, :], changes)
     spread = _weighted(noise, moved)
     across = moved @ projector
-    P = across.swapaxes(-1, -2) @ spread @ projector
+    P = across.mT @ spread @ projector
     bent = np.sum(np.matvec(changes, _weighted(noise, turned)), axis=-2)
     bent = bent / squared[..., 0] - 2.0 * np.vecmat(np.matvec(moved, q), spread)
     bent = bent + np.vecmat(means.reshape(*means.shape[:-2], 12), moved)
-    inward = 0.5 * np.trace(P, axis1=-2, axis2=-1)[..., None] * q
-    return inward - np.matvec(projector, bent), (P + P.swapaxes(-1, -2)) / 2.0
+    inward = 0.5 * np.linalg.trace(P)[..., None] * q
+    return inward - np.matvec(projector, bent), (P + P.mT) / 2.0
 
 
 def _weighted(

@@ -35,10 +35,9 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, ReadOnly, physical_array
+from simval.arrays import Array, Mask, Places, ReadOnly, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -48,6 +47,7 @@ from simval.geometry import (
     from_rotation_vector,
     rotation_vector,
 )
+from simval.moments import deviations
 from simval.shapes import Float
 from simval.theory.filter_model import (
     GYROSCOPE,
@@ -116,7 +116,7 @@ class Part(NamedTuple):
     @classmethod
     def of(
         cls, path: FilterPath, truth: FilterModel, told: FilterModel,
-        active: NDArray[np.bool_], rows: slice, errors: tuple[Error, ...],
+        active: Mask, rows: slice, errors: tuple[Error, ...],
     ) -> "Part":  # fmt: skip
         """Linearise some rows of a path."""
         steps = steps_of(path, truth, active, rows)
@@ -131,7 +131,7 @@ class Part(NamedTuple):
         other = steps if told is truth else steps_of(path, told, active, rows)
         return cls(truth=steps, told=other, errors=errors, names=names, B=B)
 
-    def run(self, state: State, some: NDArray[np.intp]) -> tuple[State, Answer]:
+    def run(self, state: State, some: Places) -> tuple[State, Answer]:
         """State after the last row, and the answer at some rows."""
         P = covariances(self.told, state.P)
         maps = self._maps(P[1:])
@@ -143,7 +143,7 @@ class Part(NamedTuple):
         return last, (P[1:][some], X[1:][some], S[1:][some], before, nis, size)
 
     def _gains(self, P: Float[Array, "t 6 6"]) -> Float[Array, "t s 6 3"]:
-        weighted = self.told.H.swapaxes(-1, -2) * self.told.weight[:, None, :]
+        weighted = self.told.H.mT * self.told.weight[:, None, :]
         return P[:, None, :, :3] @ weighted
 
     def _maps(self, P: Float[Array, "t 6 6"]) -> tuple[Array, Array, Array]:
@@ -151,8 +151,8 @@ class Part(NamedTuple):
         truth, U = self.truth, self._gains(P)
         M = np.tile(np.eye(6), (len(P), 1, 1))
         M[:, :, :3] -= P[:, :, :3] @ self.told.informations.sum(axis=1)
-        Mt = M.swapaxes(-1, -2)
-        noise = (U / truth.weight[:, None, :]) @ U.swapaxes(-1, -2)
+        Mt = M.mT
+        noise = (U / truth.weight[:, None, :]) @ U.mT
         N = np.concatenate(
             [np.zeros_like(M)[:, None], (M @ truth.white @ Mt)[:, None],
              (M @ truth.walk @ Mt)[:, None], noise], axis=1,
@@ -170,12 +170,12 @@ class Part(NamedTuple):
         P: Float[Array, "n 6 6"],
         X: Float[Array, "n s 6 6"],
         S: Float[Array, "n 6 p"],
-        some: NDArray[np.intp],
+        some: Places,
     ) -> tuple[Float[Array, "k 3 3"], Float[Array, " k"], Float[Array, " k"]]:
         """Of some rows the attitude's second moment before, NIS, and their readings."""
         k, s = len(some), len(self.names)
         H = self.truth.H[some].reshape(k, 3 * s, 3)
-        Ht = H.swapaxes(-1, -2)
+        Ht = H.mT
         active = np.repeat(self.truth.active[some], 3, axis=1)
         stated = H @ predicted(self.told, P, some)[:, :3, :3] @ Ht
         stated += _diagonal(np.tile(1.0 / self.told.weight.ravel(), (k, 1)))
@@ -190,13 +190,11 @@ class Part(NamedTuple):
                 columns[:, own : own + 3, place] += B[some]
             start += each.parameters
         seen += _of_columns(columns, self.errors)
-        nis = np.trace(np.linalg.solve(stated, seen), axis1=1, axis2=2)
+        nis = np.linalg.trace(np.linalg.solve(stated, seen))
         moment = before + _of_columns(turned, self.errors)
         return moment, nis, active.sum(axis=1).astype(float)
 
-    def _before(
-        self, S: Float[Array, "n 6 p"], some: NDArray[np.intp]
-    ) -> Float[Array, "k 3 p"]:
+    def _before(self, S: Float[Array, "n 6 p"], some: Places) -> Float[Array, "k 3 p"]:
         # columns of the attitude after the step, before the measurements
         D = [
             self.truth.L[some] @ B[some] * (channel(each) == GYROSCOPE)
@@ -222,7 +220,7 @@ def spread(
             mean += own @ each.value
         if each.covariance is not None:
             names.append(each.name)
-            parts.append(own @ each.covariance @ own.swapaxes(-1, -2))
+            parts.append(own @ each.covariance @ own.mT)
     shape = (0, *S.shape[:-1], S.shape[-2])
     return names, np.stack(parts) if parts else np.zeros(shape), mean
 
@@ -232,7 +230,7 @@ def _of_columns(
 ) -> Float[Array, "k m m"]:
     """Second moment that errors of readings make."""
     _, parts, mean = spread(S, errors)
-    return np.asarray(parts.sum(axis=0) + mean[:, :, None] * mean[:, None, :])
+    return parts.sum(axis=0) + mean[:, :, None] * mean[:, None, :]
 
 
 def _diagonal(values: Float[Array, "k m"]) -> Float[Array, "k m m"]:
@@ -266,7 +264,7 @@ class FilterPrediction(ReadOnly):
         What it is for a filter that is told the truth: readings of the row, (k,).
     """
 
-    kept: NDArray[np.intp]
+    kept: Places
     names: tuple[str, ...]
     parts: Float[Array, "s k 6 6"]
     mean: Float[Array, "k 6"]
@@ -295,7 +293,7 @@ class FilterPrediction(ReadOnly):
         """
         d = choice("size", size, (3, 6))
         P, moment = self.told[:, :d, :d], self.second_moment[:, :d, :d]
-        return np.trace(np.linalg.solve(P, moment), axis1=1, axis2=2)
+        return np.linalg.trace(np.linalg.solve(P, moment))
 
     def rms(self) -> Float[Array, " k"]:
         """Root of the mean square of the attitude's error per axis.
@@ -305,7 +303,7 @@ class FilterPrediction(ReadOnly):
         Array
             rad, (k,).
         """
-        return np.sqrt(np.trace(self.second_moment[:, :3, :3], axis1=1, axis2=2) / 3.0)
+        return np.sqrt(np.linalg.trace(self.second_moment[:, :3, :3]) / 3.0)
 
     @property
     def second_order(self) -> Float[Array, " k"]:
@@ -317,17 +315,17 @@ class FilterPrediction(ReadOnly):
             (k,).
         """
         P = self.told
-        b = np.sqrt(np.diagonal(P[:, 3:, 3:], axis1=1, axis2=2))
+        b = deviations(P[:, 3:, 3:])
         cross = P[:, :3, 3:] / b[:, None]
         C = P[:, 3:, 3:] / (b[:, :, None] * b[:, None])
-        inside = P[:, :3, :3] - cross @ np.linalg.solve(C, cross.swapaxes(1, 2))
-        trace = np.trace(P[:, :3, :3], axis1=1, axis2=2)
+        inside = P[:, :3, :3] - cross @ np.linalg.solve(C, cross.mT)
+        trace = np.linalg.trace(P[:, :3, :3])
         # of what rounding takes from a difference nothing is known
         least = np.maximum(
             np.linalg.eigvalsh(inside)[:, 0], np.finfo(float).eps * trace
         )
-        half = np.trace(self.before, axis1=1, axis2=2) / 2.0
-        return np.asarray(half / np.sqrt(least))
+        half = np.linalg.trace(self.before) / 2.0
+        return half / np.sqrt(least)
 
 
 def filter_prediction(
@@ -400,8 +398,9 @@ def _told(told: FilterModel, truth: FilterModel) -> FilterModel:
     ours, theirs = ([(s.name, *s.reference) for s in m.sensors] for m in (told, truth))
     if ours != theirs:
         msg = (
-            f"`told` has the sensors {[each[0] for each in ours]} and `truth` "
-            f"{[each[0] for each in theirs]}; names and references must be the same"
+            f"`told` has the sensors {[each[0] for each in ours]} but `truth` "
+            f"has {[each[0] for each in theirs]}; names and references must be "
+            "the same"
         )
         raise InputError(msg)
     return told
@@ -507,9 +506,7 @@ def _updated(
     return np.concatenate([left, -d[3:]]), before - K @ H @ before, spread
 
 
-def _later(
-    model: FilterModel, active: NDArray[np.bool_], start: Float[Array, "6 6"]
-) -> FilterModel:
+def _later(model: FilterModel, active: Mask, start: Float[Array, "6 6"]) -> FilterModel:
     sensors = tuple(
         replace(each, rows=active[1:, s]) for s, each in enumerate(model.sensors)
     )

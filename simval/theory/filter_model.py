@@ -39,10 +39,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import choice, instance, whole_number
-from simval.arrays import Array, frozen, physical_array
+from simval.arrays import Array, Mask, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -143,7 +142,7 @@ class VectorSensor:
         else:
             whole_number("rows", self.rows, 1)
 
-    def active(self, T: int) -> NDArray[np.bool_]:
+    def active(self, T: int) -> Mask:
         """Rows at which it measures.
 
         Parameters
@@ -153,7 +152,7 @@ class VectorSensor:
 
         Returns
         -------
-        NDArray[np.bool_]
+        Mask
             (T,); of every so many rows the last one.
         """
         if not isinstance(self.rows, np.ndarray):
@@ -218,7 +217,7 @@ class Steps(NamedTuple):
     walk: Float[Array, "T 6 6"]  # Q of the walk
     H: Float[Array, "T s 3 3"]  # by the attitude; 0 where a sensor has no row
     weight: Float[Array, "s 3"]  # one over the variances
-    active: NDArray[np.bool_]  # (T, s)
+    active: Mask  # (T, s)
 
     @property
     def Q(self) -> Float[Array, "T 6 6"]:
@@ -228,12 +227,10 @@ class Steps(NamedTuple):
     @property
     def informations(self) -> Float[Array, "T s 3 3"]:
         """Information of each sensor's row on the attitude."""
-        return self.H.swapaxes(-1, -2) @ (self.weight[:, :, None] * self.H)
+        return self.H.mT @ (self.weight[:, :, None] * self.H)
 
 
-def steps_of(
-    path: FilterPath, model: FilterModel, active: NDArray[np.bool_], rows: slice
-) -> Steps:
+def steps_of(path: FilterPath, model: FilterModel, active: Mask, rows: slice) -> Steps:
     """Linearise some rows of a path; `active` is that of all rows."""
     h = path.dt[rows, None, None]
     q = path.attitude[rows.start : rows.stop + 1]
@@ -243,13 +240,13 @@ def steps_of(
     F = np.tile(np.eye(6), (len(L), 1, 1))
     F[:, :3, :3], F[:, :3, 3:] = attitude_matrix(turn), L
     white = np.zeros_like(F)
-    Lt = L.swapaxes(-1, -2)
+    Lt = L.mT
     white[:, :3, :3] = L @ (model.gyroscope_noise[:, None] ** 2 * Lt) / h
     K = model.gyroscope_walk[:, None] ** 2 * np.eye(3)
     walk = np.zeros_like(F)
     walk[:, :3, :3], walk[:, 3:, 3:] = L @ K @ Lt * h / 3.0, K * h
     walk[:, :3, 3:] = L @ K * h / 2.0
-    walk[:, 3:, :3] = walk[:, :3, 3:].swapaxes(-1, -2)
+    walk[:, 3:, :3] = walk[:, :3, 3:].mT
     reference = np.stack([each.reference for each in model.sensors])
     v = np.einsum("tij,sj->tsi", attitude_matrix(q[1:]), reference)
     some = active[rows]
@@ -302,9 +299,9 @@ def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
     least = float(np.linalg.eigvalsh((scaled + scaled.T) / 2.0)[0])
     if not (off <= 1e-9 and least >= -1e-9):
         msg = (
-            f"`{name}` is no covariance: relative asymmetry {off:.1e}, least "
-            f"eigenvalue {least:.1e} where variances are 1; it must be symmetric, with "
-            "none below 0"
+            f"`{name}` is not a covariance: relative asymmetry {off:.1e}, least "
+            f"eigenvalue {least:.1e} where variances are 1; it must be "
+            "symmetric, with no eigenvalue below 0"
         )
         raise InputError(msg)
     return (P + P.T) / 2.0
@@ -321,7 +318,7 @@ def scales(P: Float[Array, "... p p"]) -> Float[Array, "... p"]:
     Standard deviations, but none below `LEAST_SCALE` of the greatest in its unit: the
     last three numbers have one, those before them another; nine have one.
     """
-    sd = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
+    sd = np.sqrt(np.maximum(np.linalg.diagonal(P), 0.0))
     count = sd.shape[-1]
     first = count if count == MATRIX else count - 3
     unit = np.empty_like(sd)

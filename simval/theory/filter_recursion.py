@@ -58,10 +58,9 @@ from math import ceil, sqrt
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, ReadOnly
+from simval.arrays import Array, Places, ReadOnly
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_model import (
@@ -117,22 +116,22 @@ def carry_riccati(map_: Matrices | None, row: Matrices) -> Matrices:
         P, M, J = Q, F, np.zeros_like(F)
     else:
         A, C, J = map_
-        P, M = F @ C @ F.swapaxes(-1, -2) + Q, F @ A
+        P, M = F @ C @ F.mT + Q, F @ A
     top = M[..., :3, :]
     G = np.linalg.inv(np.eye(3) + information @ P[..., :3, :3]) @ information
     gain = P[..., :3] @ G
     C = P - gain @ P[..., :3, :]
-    return M - gain @ top, C, J + top.swapaxes(-1, -2) @ (G @ top)
+    return M - gain @ top, C, J + top.mT @ (G @ top)
 
 
 def apply_riccati(state: Matrices, maps: Matrices) -> Matrices:
     """Covariances after maps, eq. (F3), from a root of those before."""
     A, C, J = maps
     R = _root(state[0])
-    middle = np.linalg.inv(np.eye(SIZE) + R.swapaxes(-1, -2) @ J @ R)
+    middle = np.linalg.inv(np.eye(SIZE) + R.mT @ J @ R)
     AR = A @ R
-    P = AR @ middle @ AR.swapaxes(-1, -2) + C
-    return ((P + P.swapaxes(-1, -2)) / 2.0,)
+    P = AR @ middle @ AR.mT + C
+    return ((P + P.mT) / 2.0,)
 
 
 def _root(P: Float[Array, "... 6 6"]) -> Float[Array, "... 6 6"]:
@@ -162,7 +161,7 @@ def _carried(
     A: Float[Array, "... 6 6"], X: Float[Array, "... s 6 6"]
 ) -> Float[Array, "... s 6 6"]:
     A = A[..., None, :, :]
-    return A @ X @ A.swapaxes(-1, -2)
+    return A @ X @ A.mT
 
 
 TOGETHER: Final = 1 << 14
@@ -184,19 +183,14 @@ class FilterBound(ReadOnly):
         Before them, (k, 6, 6).
     """
 
-    kept: NDArray[np.intp]
+    kept: Places
     covariance: Float[Array, "k 6 6"]
     before: Float[Array, "k 6 6"]
 
     @property
     def attitude_sd(self) -> Float[Array, " k"]:
         """Root of the mean over the axes of the attitude's variance, rad, (k,)."""
-        return np.sqrt(np.trace(self.covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
-
-    @property
-    def bias_sd(self) -> Float[Array, " k"]:
-        """The same of the bias, rad/s, (k,)."""
-        return np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=1, axis2=2) / 3.0)
+        return np.sqrt(np.linalg.trace(self.covariance[:, :3, :3]) / 3.0)
 
 
 def filter_bound(path: FilterPath, model: FilterModel, *, keep: Any = 1) -> FilterBound:
@@ -247,11 +241,11 @@ def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "n 6 6
 
 
 def predicted(
-    steps: Steps, P: Float[Array, "T 6 6"], some: NDArray[np.intp]
+    steps: Steps, P: Float[Array, "T 6 6"], some: Places
 ) -> Float[Array, "k 6 6"]:
     """Covariance after the step of some rows, before their measurements."""
     F = steps.F[some]
-    return F @ P[some] @ F.swapaxes(-1, -2) + steps.Q[some]
+    return F @ P[some] @ F.mT + steps.Q[some]
 
 
 def chunks(T: int) -> list[slice]:
@@ -259,7 +253,7 @@ def chunks(T: int) -> list[slice]:
     return [slice(a, min(a + TOGETHER, T)) for a in range(0, T, TOGETHER)]
 
 
-def kept_rows(keep: Any, T: int) -> NDArray[np.intp]:
+def kept_rows(keep: Any, T: int) -> Places:
     """Rows to keep, of every so many the last.
 
     Raises
@@ -277,8 +271,8 @@ def kept_rows(keep: Any, T: int) -> NDArray[np.intp]:
     whole = kept.ndim == 1 and kept.size > 0 and kept.dtype.kind in "iu"
     if not (whole and kept[0] >= 0 and kept[-1] < T and np.all(np.diff(kept) > 0)):
         msg = (
-            f"`keep` is no list of rows: give indices from 0 to {T - 1} that increase, "
-            "or a number, every so many rows"
+            f"`keep` is not a list of rows: give indices from 0 to {T - 1} that "
+            "increase, or a number, every so many rows"
         )
         raise InputError(msg)
     return kept.astype(np.intp)

@@ -293,7 +293,7 @@ def honest_settings(
         ratio = np.min(each.std) / np.linalg.norm(each.reference)
         if not ratio >= FINE:
             msg = (
-                f"the noise of the {each.name} is {ratio:.2g} of what it reads; it "
+                f"the noise of the {each.name} is {ratio:.2g} of its reading; it "
                 f"must be {FINE:g} or more, so check its unit"
             )
             raise InputError(msg)

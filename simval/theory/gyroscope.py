@@ -54,8 +54,10 @@ from simval.imu.sensor import (
     MagnetometerModel,
     forms,
 )
+from simval.moments import deviations
 from simval.poses import one_set
 from simval.shapes import Float, Inexact
+from simval.theory.calibration import in_form
 from simval.theory.estimating import Block, Estimating
 from simval.theory.magnetometer import NAMES, dip_angle
 from simval.vocabulary import Model
@@ -112,7 +114,7 @@ class GyroscopeMoments(ReadOnly):
     @property
     def sd(self) -> Float[Array, "21"]:
         """Bound on each standard deviation, (21,)."""
-        return np.sqrt(np.diagonal(self.cramer_rao))
+        return deviations(self.cramer_rao)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,10 +188,7 @@ def gyroscope_moments(
     sigma = noise_levels("pose_std", pose_std, len(u))
     rest = noise_levels("bias_std", bias_std, 3)
     _require_noise(path, len(u), walk, sigma, rest)
-    theta = np.concatenate(
-        [forms.from_gram(form, body.matrix.T @ body.matrix, body.B), np.zeros(12)]
-    )
-    theta[_TURN], theta[_DRIFT] = gyroscope.M.ravel(), gyroscope.B
+    theta = _parameters(form, body, gyroscope)
     found = equations(theta, form, (g,), u[:, None], path, [sigma], rest, walk)
     return GyroscopeMoments(
         names=(*forms.names(form), *GYROSCOPE), cramer_rao=_bound(found)
@@ -266,7 +265,7 @@ def nine_axis_moments(
     rest, dip = noise_levels("bias_std", bias_std, 3), dip_angle(dip)
     _require_noise(path, len(q), walk, sigma, strength, rest)
     theta = np.zeros(34)
-    theta[:9] = forms.from_gram(form, body.matrix.T @ body.matrix, body.B)
+    theta[:9] = in_form(form, body)
     # all matrices, directions and turns on the axes of the form
     turned = forms.matrix(form, theta[:9]) @ np.linalg.inv(body.matrix)
     theta[_TURN], theta[_DRIFT] = (turned @ gyroscope.M).ravel(), gyroscope.B
@@ -287,6 +286,12 @@ def nine_axis_moments(
         ),
         cramer_rao=_bound(found),
     )
+
+
+def _parameters(
+    form: str, body: AccelerometerModel, gyroscope: GyroscopeModel
+) -> Float[Array, "21"]:
+    return np.concatenate([in_form(form, body), gyroscope.M.ravel(), gyroscope.B])
 
 
 def _walk(gyroscope: GyroscopeModel, given: float | None) -> float:
@@ -361,15 +366,7 @@ def gyroscope_bias(
     bias_std = positive_number("bias_std", bias_std, "raw units")
     walk = nonnegative_number("angle_random_walk", angle_random_walk, "raw units")
     g, form = positive_number("g", g, "m/s^2"), choice("form", form, forms.MODELS)
-    theta = np.concatenate(
-        [
-            forms.from_gram(
-                form, accelerometer.matrix.T @ accelerometer.matrix, accelerometer.B
-            ),
-            gyroscope.M.ravel(),
-            gyroscope.B,
-        ]
-    )
+    theta = _parameters(form, accelerometer, gyroscope)
     found = equations(
         theta, form, (g,), u[:, None], path, [np.full(len(u), pose_std)],
         np.full(3, bias_std), walk, by_segment=True,
@@ -406,9 +403,7 @@ def equations(
 
     def corrected(theta: Any, y: Any) -> Any:
         parts = zip(matrices(theta), strengths, np.split(y, sensors, -1), strict=True)
-        return np.stack(
-            [(x - b[:, None]) @ np.swapaxes(M, 1, 2) / s for (M, b), s, x in parts], -2
-        )
+        return np.stack([(x - b[:, None]) @ M.mT / s for (M, b), s, x in parts], -2)
 
     def rests(theta: Any, y: Any) -> Any:
         w = corrected(theta, y)
@@ -474,9 +469,9 @@ def equations(
 def _bound(equations: Estimating) -> Float[Array, "p p"]:
     if equations.rank < len(equations.theta):
         msg = (
-            f"the rests and moves leave a combination of the {len(equations.theta)} "
-            f"parameters open (rank {equations.rank}): nothing can be predicted; add "
-            "poses and moves about other axes"
+            "the rests and moves do not determine a combination of the "
+            f"{len(equations.theta)} parameters (rank {equations.rank}), so "
+            "nothing can be predicted; add poses, and moves about other axes"
         )
         raise GeometryError(msg)
     return equations.bound
@@ -493,7 +488,7 @@ def _angle_root(M: Float[Array, "3 3"], path: MovePath) -> Float[Array, "k 3 3"]
     ):
         for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
             C = (whole * rotation.from_rotvec(node * turned)).as_matrix() @ M
-            covariance += weight * tau * (C @ np.swapaxes(C, 1, 2))
+            covariance += weight * tau * (C @ C.mT)
         whole = whole * rotation.from_rotvec(np.array(turned))
     return np.linalg.cholesky(covariance)
 

@@ -63,7 +63,9 @@ from simval.arrays import (
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
+from simval.moments import deviations
 from simval.shapes import Float, Inexact
+from simval.theory.calibration import in_form
 from simval.theory.estimating import Block, Estimating, inverse_of, rank_of
 from simval.vocabulary import Model
 
@@ -119,7 +121,7 @@ def problem_of(
         )
     ]
     if not all(np.all(each > 0.0) for each in noise):
-        msg = "a noise is 0, and the bound is then 0; give both sensors some noise"
+        msg = "a noise is 0, and then the bound is 0; give both sensors some noise"
         raise InputError(msg)
     up = turn[:, :, 2]
     along = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
@@ -129,7 +131,7 @@ def problem_of(
     y = [own.distort(g * up, quiet), clean.distort(field * along, quiet)]
     matrix = body.matrix
     theta = np.empty(PARAMETERS)
-    theta[:9] = forms.from_gram(form, matrix.T @ matrix, body.B)
+    theta[:9] = in_form(form, body)
     # M_m refers to the axes of the accelerometer's form
     turned = forms.matrix(form, theta[:9]) @ np.linalg.inv(matrix)
     theta[9:18] = (turned @ iron.M).ravel()
@@ -153,7 +155,10 @@ def dip_angle(value: Any) -> float:
     """
     dip = real_number("dip", value, "rad")
     if not abs(dip) < np.radians(89.9):
-        msg = f"`dip` is {dip:g} rad; between -1.569 and 1.569 a field tells a heading"
+        msg = (
+            f"`dip` is {dip:g} rad; a field shows a heading only between -1.569 "
+            "and 1.569"
+        )
         raise InputError(msg)
     return dip
 
@@ -164,8 +169,8 @@ def equations(
     """The three equations of each pose, eq. (M1)."""
     matrix_a = forms.matrix(p.form, theta[..., :9]) / p.g
     matrix_m = theta[..., 9:18].reshape(*theta.shape[:-1], 3, 3) / p.field
-    u = (y[..., :3] - theta[..., None, 6:9]) @ np.swapaxes(matrix_a, -1, -2)
-    v = (y[..., 3:] - theta[..., None, 18:21]) @ np.swapaxes(matrix_m, -1, -2)
+    u = (y[..., :3] - theta[..., None, 6:9]) @ matrix_a.mT
+    v = (y[..., 3:] - theta[..., None, 18:21]) @ matrix_m.mT
     dot = np.sum(u * v, axis=-1) + theta[..., None, 21]
     return np.stack(
         [np.sum(u * u, axis=-1) - 1.0, np.sum(v * v, axis=-1) - 1.0, dot], axis=-1
@@ -222,7 +227,7 @@ class MagnetometerMoments(ReadOnly):
     @property
     def sd(self) -> Float[Array, "22"]:
         """Standard deviation of each parameter, (22,)."""
-        return np.sqrt(np.diagonal(self.covariance))
+        return deviations(self.covariance)
 
 
 def magnetometer_moments(
@@ -285,7 +290,7 @@ def magnetometer_moments(
     bias = estimate.bias.copy()
     # arcsin is curved: half its second derivative times the variance
     bias[-1] += 0.5 * np.tan(dip) * to_dip[-1] * covariance[-1, -1]
-    sd, count = np.sqrt(np.diagonal(covariance)), len(problem.y)
+    sd, count = deviations(covariance), len(problem.y)
     noise = float(np.max(problem.sigma / problem.size))
     u, carry = (noise / np.cos(dip)) ** 2, _natural(problem)
     recipe = _recipe(problem, estimate)
@@ -357,4 +362,4 @@ def _recipe(p: Problem, estimate: Estimating) -> Float[Array, "22 22"]:
     scale = np.sqrt(np.diagonal(slope))
     influence = np.linalg.inv(slope / np.outer(scale, scale)) / np.outer(scale, scale)
     whole = carry @ influence
-    return np.asarray(whole @ scatter @ whole.T)
+    return whole @ scatter @ whole.T

@@ -60,11 +60,11 @@ def expansion_remainders(
 ) -> dict[int | str, Remainder]:
     """Remainder of the moments of each order, eqs. (R1), (R2)."""
     fourth = found[4]
-    left = _SIXTH * float(np.trace(found[2].covariance)) ** 3
+    left = _SIXTH * np.trace(found[2].covariance) ** 3
     remainders = {
         order: Remainder(
-            float(np.abs(fourth.bias - moments.bias).max()) + left,
-            float(np.abs(fourth.covariance - moments.covariance).max()) + left,
+            np.abs(fourth.bias - moments.bias).max() + left,
+            np.abs(fourth.covariance - moments.covariance).max() + left,
         )
         for order, moments in found.items()
     }

@@ -60,6 +60,7 @@ from simval.imu.sensor.readable import (
     quantities,
     worst_axis,
 )
+from simval.moments import deviations
 from simval.poses import (
     GEOMETRY_LIMIT,
     PARAMETERS,
@@ -75,7 +76,7 @@ from simval.shapes import Float
 from simval.spelling import counted, rounded
 from simval.text import columns, number
 from simval.theory import magnetometer
-from simval.theory.calibration import calibration_moments
+from simval.theory.calibration import calibration_moments, in_form
 from simval.theory.estimating import Estimating, inverse_of, rank_of
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
 from simval.theory.magnetometer import problem_of
@@ -278,7 +279,7 @@ def error_bars(information: Float[Array, "p p"]) -> Float[Array, " p"]:
     """Bound on each standard deviation; infinite where not all are determined."""
     if rank_of(information) < len(information):
         return np.full(len(information), np.inf)
-    return np.sqrt(np.diagonal(inverse_of(information)))
+    return deviations(inverse_of(information))
 
 
 def plan(
@@ -327,7 +328,7 @@ def plan(
             untold = np.full(PARAMETERS, np.inf)
             return untold, untold, np.nan * untold
         found = calibration_moments(body, u, g, noise_std, form=form)
-        return found.sd, np.sqrt(np.diagonal(found.cramer_rao)), found.bias
+        return found.sd, deviations(found.cramer_rao), found.bias
 
     now, bound, bias = sd(u)
     return Plan(
@@ -335,7 +336,7 @@ def plan(
         rank=seen.rank, condition=seen.condition, next_direction=seen.next_direction,
         sd_next=sd(np.vstack([u, seen.next_direction]))[0], noise_std=noise_std,
         model=form, g=g, geometry=geometry_loss(u),
-        parameters=forms.from_gram(form, body.matrix.T @ body.matrix, body.B),
+        parameters=in_form(form, body),
         reading="m/s²" if sensor is None else "raw units",
     )  # fmt: skip
 

@@ -31,9 +31,9 @@ from simval.geometry import compose, conjugate
 from simval.imu.sensor import forms
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import inverse_of
-from simval.theory.expansion import mean_linear_error, tangent_projector
+from simval.theory.expansion import mean_linear_error
 from simval.theory.magnetometer import PARAMETERS, Problem, equations_of
-from simval.theory.two_vector import two_vector_geometry
+from simval.theory.two_vector import tangent_projector, two_vector_geometry
 
 PARTS = (
     "accelerometer noise in the tumble",
@@ -129,7 +129,7 @@ def carrier(
         M, bias = _sensor(problem, at, i)
         raw = np.linalg.solve(own, truth[i]) + own_bias
         v = M @ (raw + at[count + 3 * i : count + 3 * i + 3] - bias)
-        return np.asarray(v / np.sqrt(v @ v))
+        return v / np.sqrt(v @ v)
 
     ways = at + 1j * STEP * np.eye(len(at))
     slopes = np.array([[direction(i, way) for i in (0, 1)] for way in ways])

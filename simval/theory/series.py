@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import choice, function
-from simval.arrays import Array, physical_array
+from simval.arrays import Array, Places, physical_array
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
 from simval.shapes import Float
@@ -59,11 +59,11 @@ class Algebra(NamedTuple):
 
     dimension: int
     degree: int
-    degrees: NDArray[np.intp]
+    degrees: Places
     means: Float[Array, " m"]
-    left: NDArray[np.intp]
-    right: NDArray[np.intp]
-    target: NDArray[np.intp]
+    left: Places
+    right: Places
+    target: Places
 
     def variable(self, index: int) -> "Series":
         """One of the variables as a series."""

@@ -50,16 +50,17 @@ def flip_probability(
         If two steps along the line differ by more than 1e-9 of the chance.
     """
     linear, square = _normal_form(geometry, noise)
-    size = float(np.linalg.norm(linear))
+    size = np.linalg.norm(linear)
     if not size > 0.0 and not square.any():
         return 0.0
     if not -square.min() > 1e-14 * size:  # one of the two vectors has no noise
-        return float(scipy.special.ndtr(-geometry.norm / size))
+        return scipy.special.ndtr(-geometry.norm / size)
     values = [_line_integral(float(geometry.norm), linear, square, h) for h in _STEPS]
     if not abs(values[0] - values[1]) <= _TOLERANCE * values[1]:
         msg = (
-            f"two rules for the chance of a flipped sign differ: {values[0]:.3e} and "
-            f"{values[1]:.3e}; |qbar| is {geometry.norm:.2e}, so use another frame"
+            "two quadratures for the chance of a flipped sign differ: "
+            f"{values[0]:.3e} and {values[1]:.3e}; |qbar| is "
+            f"{geometry.norm:.2e}, so use another frame"
         )
         raise RefusedError(msg)
     return values[1]
@@ -89,12 +90,11 @@ def _line_integral(norm: float, linear: Array, square: Array, step: float) -> fl
         # logarithm of M(z) / z
         scale = 1.0 + 2.0 * z[:, None] * square
         terms = 0.5 * (z[:, None] * linear) ** 2 / scale - 0.5 * np.log(scale)
-        found: Array = terms.sum(axis=1) - z * norm - np.log(z)
-        return found
+        return terms.sum(axis=1) - z * norm - np.log(z)
 
     edge = -0.5 / square.min()
     share = scipy.optimize.minimize_scalar(
-        lambda t: float(exponent(np.array([edge * scipy.special.expit(t)]))[0]),
+        lambda t: exponent(np.array([edge * scipy.special.expit(t)]))[0],
         bounds=(-80.0, 30.0),
         method="bounded",
     ).x
@@ -106,4 +106,4 @@ def _line_integral(norm: float, linear: Array, square: Array, step: float) -> fl
     y = width * np.sinh(t)
     integrand = np.exp(exponent(z + 1j * y)).real * np.cosh(t)
     integrand[0] *= 0.5
-    return float(integrand.sum() * step * width / np.pi)
+    return integrand.sum() * step * width / np.pi

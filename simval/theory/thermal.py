@@ -1,13 +1,13 @@
 r"""Bound of a calibration whose bias and scale depend on temperature, and its plan.
 
 A reading at the temperature offset :math:`\tau` of a force a of length g is
-:math:`y = b + \beta + (M^{-1}a)/(1 + \kappa)`, :math:`\beta` and :math:`\kappa` sums of
-powers of :math:`\tau`; its direction is not known, so that a rest says no more than
-:math:`|M(1 + \kappa)\circ(y - b - \beta)|^2 = g^2`. The temperature is known, so its
-terms are further parameters with the columns of bias and scale, times a power of it;
-of an ideal sensor, after (P1) of `simval.poses`,
+:math:`y = b + \beta\tau + (M^{-1}a)/(1 + \kappa\tau)`; its direction is not known, so
+that a rest says no more than
+:math:`|M(1 + \kappa\tau)\circ(y - b - \beta\tau)|^2 = g^2`. The temperature is known,
+so :math:`\beta` and :math:`\kappa` are further parameters with the columns of bias and
+scale, times it; of an ideal sensor, after (P1) of `simval.poses`,
 
-.. math:: \bigl[\,j(u),\ -2\tau^j u_a,\ 2\tau^j u_a^2\,\bigr]. \tag{TH2}
+.. math:: \bigl[\,j(u),\ -2\tau u_a,\ 2\tau u_a^2\,\bigr]. \tag{TH2}
 
 A plan adds the rest, of the poses and temperatures that can be had, that tells most
 (`simval.poses.best_addition`), until there are as many as wanted.
@@ -24,14 +24,14 @@ from simval.arrays import Array, ReadOnly, physical_array, positive_number
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.sensor import AccelerometerModel, forms
+from simval.moments import deviations
 from simval.poses import PARAMETERS, best_addition, direction_jacobian, one_set
 from simval.shapes import Float, Inexact
 from simval.spelling import counted, rounded
 from simval.theory.estimating import Block, Estimating
 from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM
 
-Terms = tuple[tuple[str, int], ...]  # bias or scale, and the power of the temperature
-LINEAR: Terms = (("bias", 1), ("scale", 1))
+TERMS = 6  # slopes of three biases and of three scales
 MOST = 200
 """Rests of a plan: each looks at every pose at every temperature."""
 _FAINT = 1e-8  # relative, of an eigenvalue: rounding leaves 1e-15
@@ -41,31 +41,26 @@ def thermal_equations(
     model: AccelerometerModel,
     directions: Float[Array, "n 3"],
     tau: Float[Array, " n"],
-    coefficients: Float[Array, "k 3"],
+    slopes: Float[Array, "2 3"],
     noise_std: float,
     *,
-    g: float = 9.80665,
-    terms: Terms = LINEAR,
+    g: float,
 ) -> Estimating:
-    """Equations of a calibration with terms in temperature, at the truth."""
-    powers = np.stack([tau**power for _, power in terms], axis=-1)
+    """Equations of a calibration with linear terms in temperature, at the truth."""
 
     def parts(theta: Inexact[Array, "t p"]) -> tuple[Any, Any]:
-        values = theta[:, PARAMETERS:].reshape(len(theta), -1, 3)
-        found: dict[str, Any] = {"bias": 0.0, "scale": 1.0}
-        for k, (what, _) in enumerate(terms):
-            found[what] = found[what] + powers[:, k, None] * values[:, None, k]
-        return found["bias"], found["scale"]
+        values = theta[:, PARAMETERS:].reshape(-1, 2, 1, 3)
+        return tau[:, None] * values[:, 0], 1.0 + tau[:, None] * values[:, 1]
 
     def rows(
         theta: Inexact[Array, "t p"], y: Inexact[Array, "t n 3"]
     ) -> Inexact[Array, "t n 1"]:
         shift, stretch = parts(theta)
         M = forms.matrix("triangular", theta[:, :PARAMETERS]) / g
-        f = (stretch * (y - theta[:, None, 6:9] - shift)) @ np.swapaxes(M, -1, -2)
+        f = (stretch * (y - theta[:, None, 6:9] - shift)) @ M.mT
         return np.sum(f * f, axis=-1, keepdims=True) - 1.0
 
-    theta = np.concatenate([model.parameters, coefficients.ravel()])
+    theta = np.concatenate([model.parameters, slopes.ravel()])
     shift, stretch = parts(theta[None])
     force = g * normalize(one_set("directions", directions))
     readings = model.B + shift + np.linalg.solve(model.matrix, force.T).T / stretch
@@ -76,13 +71,13 @@ def thermal_equations(
 
 
 def thermal_jacobian(
-    directions: Float[Array, "n 3"], tau: Float[Array, " n"], terms: Terms = LINEAR
-) -> Float[Array, "n p"]:
+    directions: Float[Array, "n 3"], tau: Float[Array, " n"]
+) -> Float[Array, "n 15"]:
     """Rows (TH2) of an ideal sensor."""
     nine = direction_jacobian(directions)
-    own = {"scale": nine[:, 3:6], "bias": nine[:, 6:]}
-    more = [own[what] * (tau**power)[:, None] for what, power in terms]
-    return np.concatenate([nine, *more], axis=1)
+    return np.concatenate(
+        [nine, nine[:, 6:] * tau[:, None], nine[:, 3:6] * tau[:, None]], axis=1
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,8 +97,6 @@ class ThermalPlan(ReadOnly, Told):
         or 1/K for the coefficients, (p,).
     reference : float
         The mean of the temperatures that were given, degrees Celsius.
-    terms : tuple
-        What depends on temperature, and by which power of it.
     """
 
     directions: Float[Array, "n 3"]
@@ -111,7 +104,6 @@ class ThermalPlan(ReadOnly, Told):
     names: tuple[str, ...]
     sd: Float[Array, " p"]
     reference: float
-    terms: Terms
 
     @property
     def account(self) -> Account:
@@ -126,7 +118,6 @@ def plan_thermal(
     *,
     rests: int,
     g: float = 9.80665,
-    terms: Terms = LINEAR,
 ) -> ThermalPlan:
     """Choose which pose to take at which temperature.
 
@@ -142,8 +133,6 @@ def plan_thermal(
         Rests to take; each pair may be taken again.
     g : float, default 9.80665
         Gravity, m/s^2.
-    terms : tuple, default bias and scale, linear
-        What depends on temperature.
 
     Returns
     -------
@@ -161,12 +150,11 @@ def plan_thermal(
     degrees = physical_array("temperatures", temperatures, (None,))
     sigma = positive_number("noise_std", noise_std, "m/s^2")
     g = positive_number("g", g, "m/s^2")
-    size = PARAMETERS + 3 * len(terms)
+    size = PARAMETERS + TERMS
     rests = whole_number("rests", rests, size, MOST)
-    least = 1 + max(power for _, power in terms)
-    if degrees.ndim != 1 or len(np.unique(degrees)) < least:
+    if degrees.ndim != 1 or len(np.unique(degrees)) < 2:
         msg = (
-            f"`temperatures` is {degrees.tolist()}; {least} or more different ones, in "
+            f"`temperatures` is {degrees.tolist()}; 2 or more different ones, in "
             "degrees Celsius, are needed"
         )
         raise InputError(msg)
@@ -175,7 +163,7 @@ def plan_thermal(
     which = np.repeat(np.arange(len(degrees)), len(u))
     every = np.tile(u, (len(degrees), 1))
     # the temperature in units of half its range, so that all columns are of one size
-    rows = thermal_jacobian(every, (degrees[which] - reference) / half, terms)
+    rows = thermal_jacobian(every, (degrees[which] - reference) / half)
     each = rows[:, :, None] * rows[:, None]
     told, taken = np.zeros((size, size)), []
     for _ in range(rests):
@@ -184,36 +172,28 @@ def plan_thermal(
     values = np.linalg.eigvalsh(told)
     if not values[0] > _FAINT * values[-1]:
         msg = (
-            f"{rests} rests of {len(u)} poses at {len(degrees)} temperatures do not "
-            "tell every term; give poses all over the sphere, or more rests"
+            f"{rests} rests of {len(u)} poses at {len(degrees)} temperatures do "
+            "not determine every term; give poses all over the sphere, or more "
+            "rests"
         )
         raise GeometryError(msg)
     # the noise of a row is 2 sigma / g; biases of the rows are in units of g
-    sd = 2.0 * sigma / g * np.sqrt(np.diagonal(np.linalg.inv(told)))
-    unit = [1.0] * 6 + [g] * 3
-    for what, power in terms:
-        unit += [(g if what == "bias" else 1.0) / half**power] * 3
-    names = forms.names("triangular") + tuple(
-        f"{what}_{a} per {'K' if power == 1 else f'K^{power}'}"
-        for what, power in terms
-        for a in "xyz"
-    )
+    sd = 2.0 * sigma / g * deviations(np.linalg.inv(told))
+    unit = np.repeat([1.0, g, g / half, 1.0 / half], [6, 3, 3, 3])
+    slopes = (f"{what}_{a} per K" for what in ("bias", "scale") for a in "xyz")
     return ThermalPlan(
-        directions=every[taken], temperatures=degrees[which][taken], names=names,
-        sd=sd * np.array(unit), reference=reference,
-        terms=terms,
+        directions=every[taken], temperatures=degrees[which][taken],
+        names=(*forms.names("triangular"), *slopes), sd=sd * unit, reference=reference,
     )  # fmt: skip
 
 
 def _account(plan: ThermalPlan) -> Account:
     at, counts = np.unique(plan.temperatures, return_counts=True)
     where = f"at {plan.reference:g} °C"
-    kinds = [("misalignment", MILLIRADIAN, "", 0.0), ("scale factor", PPM, "", 1.0),
-             ("bias", MILLIMETRE_PER_SECOND_SQUARED, "", 0.0)]  # fmt: skip
-    for what, power in plan.terms:
-        unit = MILLIMETRE_PER_SECOND_SQUARED if what == "bias" else PPM
-        per = " per K" if power == 1 else f" per K^{power}"
-        kinds.append((what, unit, per, 0.0))
+    kinds = (("misalignment", MILLIRADIAN, "", 0.0), ("scale factor", PPM, "", 1.0),
+             ("bias", MILLIMETRE_PER_SECOND_SQUARED, "", 0.0),
+             ("bias", MILLIMETRE_PER_SECOND_SQUARED, " per K", 0.0),
+             ("scale", PPM, " per K", 0.0))  # fmt: skip
     names = [forms.ENTRIES.get(name, (name, 1.0))[0] for name in plan.names]
     worst, lines = [], []
     for k, (kind, unit, per, value) in enumerate(kinds):

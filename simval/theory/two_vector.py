@@ -26,11 +26,16 @@ from simval.arrays import (
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.geometry import attitude_matrix, compose, cross, normalize
 from simval.shapes import Float, Int
+from simval.spelling import counted
 from simval.text import shown
+
+Index = tuple[int, ...]
+Noise = Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"]
+"""Covariances of b1, b2, r1, r2 of each sample, or of all four together."""
 
 
 def refuse_samples(
-    good: Any, message: Callable[[tuple[int, ...]], str], kind: type[SimvalError]
+    good: Any, message: Callable[[Index], str], kind: type[SimvalError]
 ) -> None:
     """Raise the error of the first sample that is not good, if there is one.
 
@@ -46,20 +51,20 @@ def refuse_samples(
     msg = message(tuple(np.unravel_index(bad[0], shape)))
     if shape:
         msg = (
-            f"{len(bad)} of {np.size(good)} sample(s) cannot be used; the first is "
-            f"{place(bad[0], shape)}: {msg}"
+            f"{len(bad)} of {counted(np.size(good), 'sample')} cannot be used; "
+            f"the first is {place(bad[0], shape)}: {msg}"
         )
     raise kind(msg)
 
 
-def place(number: int, batch: tuple[int, ...]) -> str:
+def place(number: int, batch: Index) -> str:
     """Name of a sample by its index in the batch."""
     index = tuple(int(i) for i in np.unravel_index(number, batch))
     return f"sample {index}"
 
 
 @contextmanager
-def naming(sample: tuple[int, ...]) -> Iterator[None]:
+def naming(sample: Index) -> Iterator[None]:
     """Put the index of a sample of a batch into a refusal of it.
 
     Raises
@@ -125,7 +130,7 @@ def noise_of_vectors(
 
 def noise_of_samples(
     noise_std: Any,
-) -> Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"]:
+) -> Noise:
     """Covariances of the noise on b1, b2, r1, r2 of each sample.
 
     The form is told by the last axes alone: no axis is one number for everything, a
@@ -152,7 +157,7 @@ def noise_of_samples(
     return _covariances(noise_std, value, 4, full)
 
 
-def own_axes(noise: Array) -> tuple[int, ...]:
+def own_axes(noise: Array) -> Index:
     """Axes of the covariances of one sample."""
     return noise.shape[-2:] if noise.shape[-1] == 12 else noise.shape[-3:]
 
@@ -222,7 +227,7 @@ def _checked(name: str, value: Array) -> Float[Array, "... k n n"]:
         ),
         InputError,
     )
-    skew = np.max(np.abs(value - value.swapaxes(-1, -2)), axis=entries, initial=0.0)
+    skew = np.max(np.abs(value - value.mT), axis=entries, initial=0.0)
     lowest = np.min(np.linalg.eigvalsh(value), axis=(-2, -1), initial=0.0)
     # a product F F' is rounded to 1e-16 of its greatest entry, an inverse to more
     refuse_samples(
@@ -260,14 +265,19 @@ def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
         )
         raise InputError(msg)
     scale = float(np.abs(value).max(initial=0.0))
-    turned = value.transpose(1, 0, 2), value.transpose(0, 2, 1)
+    turned = value.transpose(1, 0, 2), value.mT
     if not max(np.abs(value - other).max() for other in turned) <= 1e-12 * scale:
         msg = (
-            f"`{name}` changes where two components are exchanged; a mean of products "
-            "does not, so give it symmetric in all three axes"
+            f"`{name}` changes if two components are exchanged, which a mean of "
+            "products does not; give it symmetric in all three axes"
         )
         raise InputError(msg)
     return value
+
+
+def tangent_projector(v: Float[Array, "... n"]) -> Float[Array, "... n n"]:
+    r"""Projector :math:`\Pi = I - v v^T` onto the plane tangent to the sphere at v."""
+    return np.eye(v.shape[-1]) - v[..., :, None] * v[..., None, :]
 
 
 def normalized_noise(
@@ -281,9 +291,9 @@ def normalized_noise(
     noise along v is correlated with the noise across) and its covariance
     :math:`\Pi\Sigma\Pi`.
     """
-    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
+    planes = tangent_projector(vectors)
     across = planes @ noise
-    shortened = 0.5 * np.trace(across, axis1=-2, axis2=-1)[..., None] * vectors
+    shortened = 0.5 * np.linalg.trace(across)[..., None] * vectors
     turned = (across @ vectors[..., None])[..., 0]
     return -turned - shortened, across @ planes
 
@@ -292,8 +302,8 @@ def tangent_covariances(
     vectors: Float[Array, "... 4 3"], std: Any
 ) -> Float[Array, "... 4 3 3"]:
     r"""Covariances of noise in the plane tangent to each unit vector."""
-    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
-    return np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2 * planes
+    variances = np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2
+    return variances * tangent_projector(vectors)
 
 
 # rounding enters a prediction as eps / |qbar|^k, k up to 4
@@ -419,7 +429,7 @@ def chosen_columns(
     """
     norms = np.abs(column_norms(q, r1, r2))
     if frame is None:
-        columns: Columns = np.asarray(np.argmax(norms, axis=-1))
+        columns = np.asarray(np.argmax(norms, axis=-1))
     elif frame in FRAMES:
         columns = np.full(norms.shape[:-1], FRAMES.index(frame))
     else:
@@ -516,7 +526,7 @@ def vectors_of(
 
 
 def unit_arguments(
-    q: Any, r1: Any, r2: Any, batch: tuple[int, ...] = ()
+    q: Any, r1: Any, r2: Any, batch: Index = ()
 ) -> tuple[Float[Array, "... 4"], Float[Array, "... 3"], Float[Array, "... 3"]]:
     """Unit quaternions and vectors, their leading axes broadcast, with `batch` too.
 

@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md keeps its word: one module, one name, and it is everywhere."""
+"""Pages for who adds something keep their word: one module, one name, everywhere."""
 
 import json
 import os
@@ -15,8 +15,9 @@ from simval.plugins.programs import log_of
 from simval.poses import fibonacci_sphere
 from simval.statistics import FAMILIES
 
-PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+PAGES = (ROOT / "docs" / "plugins" / "study.md", ROOT / "CONTRIBUTING.md")
+TEXT = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 
 ADDED = {"studies/coin": BLOCKS[0], "imu/logs/sl1": BLOCKS[2]}
 LINES = (  # of a module: before what stands there once, what
@@ -144,7 +145,7 @@ def test_a_sensor_effect_is_a_field_and_a_line(checkout):
 
 
 def test_every_file_that_the_page_names_is_there():
-    named = set(re.findall(r"`([\w/.-]+\.(?:py|md|c|toml|txt))`", PAGE))
+    named = set(re.findall(r"`([\w/.-]+\.(?:py|md|c|toml|txt))`", PAGES[1].read_text()))
     files = {
         path.relative_to(ROOT).as_posix()
         for folder in ("simval", "tests", "docs", "models", "reports")

@@ -15,7 +15,8 @@ from simval.theory import attitude_moments
 
 EVALUATED = [name for name, claim in CLAIMS.items() if claim.evaluate]
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = (DOCS / "errata.md").read_text("utf-8")
+INDEX = (DOCS / "errata.md").read_text("utf-8")
+PAGES = {path.stem: path.read_text("utf-8") for path in DOCS.glob("errata/*.md")}
 THEORY = (DOCS / "theory.md").read_text("utf-8")
 
 
@@ -30,13 +31,18 @@ def test_claims_at_other_draws():
         check(CLAIMS[name], seeds=slice(1, None))
 
 
-def test_the_page_ends_with_what_the_command_prints():
+def test_pages_have_what_the_command_prints():
     # counts and every claim, neither one more nor one less
-    assert PAGE.endswith(page.text())
+    assert page.counts() in INDEX
+    assert {*page.SOURCES, "theorem"} == set(PAGES)
+    for source in page.SOURCES:
+        assert PAGES[source].endswith("\n\n" + page.table(source))
 
 
 def test_every_erratum_has_its_sentence_and_every_name_its_claim():
-    sentences = PAGE.removesuffix(page.text())
+    sentences = INDEX + "".join(
+        text.partition("## Every claim")[0] for text in PAGES.values()
+    )
     rows = re.findall(r"^\|.*\| ((?:`\w+`(?:, )?)+) \|$", sentences, re.M)
     named = [name for row in rows for name in re.findall(r"\w+", row)]
     wrong = [name for name in EVALUATED if CLAIMS[name].verdict != RIGHT]
@@ -57,7 +63,7 @@ def test_every_numbered_equation_of_the_paper_is_a_claim():
 def test_figures_of_the_page():
     ratios = [c.error(c.with_square) / c.error(c.second) for c in moments.sample()]
     farther = sum(c.error(c.paper) > c.error(c.second) for c in moments.sample())
-    text = " ".join(PAGE.split())
+    text = " ".join(" ".join(PAGES.values()).split())
     stated = f"median ratio of the errors of {np.median(ratios):.2f}, "
     assert f"{stated}at worst {max(ratios):.3f}." in text
     assert f"in {farther} of {len(ratios)} random geometries" in text

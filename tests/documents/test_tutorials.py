@@ -5,7 +5,7 @@ import re
 import pytest
 import walkthrough
 from places import EXAMPLES, ROOT
-from walkthrough import FENCE, Walk, blocks, lend
+from walkthrough import FENCE, PICTURE, Walk, blocks, lend
 
 PAGES = sorted((ROOT / "docs").glob("tutorials/*.md")) + sorted(
     (ROOT / "docs").glob("howto/*.md")
@@ -42,6 +42,10 @@ def test_a_section_prints_what_it_shows(page, section, tmp_path_factory, outside
     walk.to(section)
     wrong, walk.wrong = walk.wrong, []
     assert not wrong, "\n\n".join(wrong)
+    if section == blocks(page.read_text(encoding="utf-8"))[-1].section:
+        for picture, file in PICTURE.findall(page.read_text(encoding="utf-8")):
+            assert (page.parent / picture).is_file()
+            assert (walk.folder / file).is_file()
 
 
 def needed(page, section):
@@ -71,8 +75,9 @@ def test_the_tutorials_filter_is_the_example():
 
 
 def test_examples_in_the_documentation_are_the_files():
-    text = (ROOT / "docs" / "plugins.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", text, re.S)
-    for name in ("align", "ellipsoid"):
+    pages = {"align": "estimator", "ellipsoid": "calibrator", "six": "calibrator"}
+    for name, page in pages.items():
+        text = (ROOT / "docs" / "plugins" / f"{page}.md").read_text()
+        blocks = re.findall(r"```python\n(.*?)```", text, re.S)
         code = (EXAMPLES / f"{name}.py").read_text()
         assert code.partition('"""\n\n')[2].strip() in map(str.strip, blocks)

@@ -12,10 +12,15 @@ any other number may differ by one unit in its last printed digit, for other ver
 and processors round otherwise, and two numbers below 1e-12 are both rounding. How long
 something took, as in `1 passed in 0.23s`, is not compared.
 
+A picture whose title is a file, `![..](../pictures/run.webp "run/report.html")`, shows
+the top of that file, which the commands of the page have written.
+
 `PYTHONPATH=tests python tests/documents/walkthrough.py docs/tutorials/*.md` runs pages
-and writes into them what is printed now; read the difference before it is committed.
+and writes into them what is printed now, and their pictures, if there is a browser;
+read the difference before it is committed.
 """
 
+import base64
 import contextlib
 import difflib
 import io
@@ -29,11 +34,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import places
+from browser import browser, find_chromium
 
 from simval.cli import run
 
 FENCE = re.compile(r"```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)```\n", re.S)
 NUMBER = re.compile(r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+PICTURE = re.compile(r'^!\[[^\]]+\]\(([^ ]+) "([^"]+\.html)"\)$', re.M)
 TOOK = re.compile(r"(?<= in )\d+\.\d+s$")
 ROUNDING = 1e-12
 LEFT_OUT = "..."
@@ -252,6 +259,16 @@ def _kept(shown, printed):
     return now
 
 
+def draw(walk):
+    """Draw the pictures of a page: the first screen of each file, in a browser."""
+    found = PICTURE.findall(walk.page.read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder, browser(folder) as shown:
+        for picture, file in found:
+            shown.open(walk.folder / file, width=1000, height=760)
+            taken = shown.call("Page.captureScreenshot", format="webp", quality=80)
+            (walk.page.parent / picture).write_bytes(base64.b64decode(taken["data"]))
+
+
 def main(pages):
     for name in pages:
         page = Path(name).resolve()
@@ -261,6 +278,8 @@ def main(pages):
             for block in blocks(page.read_text(encoding="utf-8")):
                 walk.to(block.section)
             page.write_text(rewritten(walk), encoding="utf-8")
+            if find_chromium():
+                draw(walk)
             sys.stdout.write("\n".join([*walk.wrong, f"{name}: written", ""]))
 
 

@@ -6,7 +6,7 @@ from errata.claim import MISPRINTED, claims, unevaluated
 from errata.geometry import jacobian
 
 unevaluated(
-    "imu-tk",
+    "imu_tk",
     "L_k and e_k are one quantity under two names, h and h~ too",
     "the three blocks of dh/dtheta and of J_k have no brackets",
     "p of R^(3 x p) is not said: 9",
@@ -30,7 +30,7 @@ def reading(theta, a):
 
 
 @claims(
-    "imu-tk",
+    "imu_tk",
     imu_tk_rows="h = T K (a - B), its rows",
     imu_tk_misalignments="dh by the misalignments, of a(1) = K (a - B)",
     imu_tk_scales_form="h = T diag(a(2)) (K_x, K_y, K_z), a(2) = a - B",

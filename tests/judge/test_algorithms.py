@@ -226,7 +226,7 @@ def test_names_are_found_without_their_file_where_that_is_clear(tmp_path):
         with pytest.raises(InputError, match=words):
             compare_algorithms(run, first, second)
     cells = [cell(A, rows), cell(B, (), study="calibrator")]
-    with pytest.raises(InputError, match="not of one study"):
+    with pytest.raises(InputError, match="belong to different studies"):
         compare_algorithms(run_of(tmp_path, cells), A, B)
     with pytest.raises(InputError, match="it has none"):
         compare_algorithms(run_of(tmp_path, []), A, B)

@@ -314,7 +314,7 @@ def test_reasons_are_for_what_moved():
     given = reasons_given(kinds, ["ladder=x = y", f"{kinds[0]}= z "], "all")
     assert given == {kinds[1]: "x = y", kinds[0]: "z"}
     for bad in ("ladder", "ladder=", "ladder= ", "=why", "laddr=why", "=", ""):
-        with pytest.raises(InputError, match=r"--reason|nothing that is called"):
+        with pytest.raises(InputError, match=r"--reason|no statistic that is called"):
             reasons_given(kinds, [bad], "all")
     with pytest.raises(InputError, match="did you mean"):
         reasons_given(kinds, ["laddr=why"], "all")

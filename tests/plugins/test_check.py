@@ -189,7 +189,7 @@ WRONG = {
         by_day=True,
     ),
     "caches": Case(caching, "below_bound against Cramer-Rao", 1, by_day=True),
-    "averages": Case(averaging, STATE + "|when alone", 3),
+    "averages": Case(averaging, STATE + "|same row alone", 3),
     "constant": Case(
         spoilt(lambda q, *v: turn(q, 1e-4 * (np.abs(off(*v)) > 1e-7))),
         r"bias of first order over one standard deviation \S+ !",

@@ -133,13 +133,13 @@ GOOD = lines()
         ("\n".join(GOOD[:3]), r"answered 3 of 5 trials .* `trial` 3, 4; print one"),
         ("\n".join(GOOD + GOOD[:1]), r"line 6 .*: `trial` 0 is answered twice"),
         ("\n".join([*GOOD, '{"trial": 5}']), r"`trial` is 5; each .*, 0 to 4"),
-        ("ready\n" + "\n".join(GOOD), r"line 1 of `sh`: did not print one JSON object"),
+        ("ready\n" + "\n".join(GOOD), r"line 1 of `sh`: did not print a JSON object"),
         ("\n".join(json.dumps(a) for a in ANSWERS), "`trial` is null; each answer"),
         (GOOD[0].replace("0,", "true,", 1), "`trial` is true"),
         (json.dumps(ANSWERS), "printed list; print one JSON object"),
         ('{"trial": 0, "trial": 1}', "the key `trial` is given twice"),
-        ("[" * 10**5, "did not print one JSON object"),
-        (b"\xff\xfe\x00\n", "did not print one JSON object"),
+        ("[" * 10**5, "did not print a JSON object"),
+        (b"\xff\xfe\x00\n", "did not print a JSON object"),
         ("x" * (2**20 + 9), "printed more than 1048576 bytes"),
         (
             "\n".join(lines([*ANSWERS[:3], {"B": [0, 0, 0]}, ANSWERS[4]])),
@@ -205,7 +205,7 @@ BROKEN = [
         r"`sh` was killed by SIGSEGV \(.*\): sil",
     ),
     (r"sh -c 'printf bad\\033 >&2; exit 7' {poses}", CRASHED, r"code 7: bad\\x1b$"),
-    ("echo {poses}", REFUSED, "did not print one JSON object"),
+    ("echo {poses}", REFUSED, "did not print a JSON object"),
     ("head -c 2000000 /dev/zero {poses}", REFUSED, "printed more than 1048576 bytes"),
 ]
 
@@ -373,7 +373,7 @@ SAID = {
     "json": (REFUSED, r"answered with '\["),
     "long": (
         REFUSED,
-        r"printed \d+ bytes without an end of the line|answered with '111",
+        r"printed \d+ bytes without a line end|answered with '111",
     ),
     "holds": (SLOW, "it printed when its input ended: flush after each line"),
     "kept open": (CRASHED, "closed its standard output and runs on|exit code"),
@@ -476,8 +476,8 @@ def test_a_program_that_holds_its_answers_back_is_asked_once(filtered):
         ("command: ", {}, "names no program"),
         ("./mine 'x", {}, "cannot be split into words"),
         ("./mine {poses}", {}, r"the placeholder \{poses\}, which does not exist"),
-        ("./mine", {"batch": True}, "a command takes one trial"),
-        ("./mine", {"reads": ("start",)}, "what it reads stands in its words"),
+        ("./mine", {"batch": True}, "a command runs one trial"),
+        ("./mine", {"reads": ("start",)}, "gets what it reads as arguments"),
         ("./mine", {"components": "wxyz"}, "must be declared as one of 'xyzs'"),
     ],
 )

@@ -15,7 +15,7 @@ from simval.check import check_function, explanation  # noqa: F401
 
 pytest_plugins = ["pytester"]
 
-PAGE = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "plugins" / "tests.md").read_text(encoding="utf-8")
 HEAD = """
 import numpy as np
 from simval.imu.attitude.comparators import davenport
@@ -46,8 +46,7 @@ def judged(pytester):
 
 @pytest.mark.ci
 def test_the_page_keeps_its_word(pytester):
-    text = PAGE.partition("## In your test suite")[2]
-    block = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
+    block = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
     assert len([line for line in block.splitlines() if line.strip()]) <= 10
     pytester.makepyfile(block)
     ended = pytester.runpytest_inprocess("-p", "no:cacheprovider")

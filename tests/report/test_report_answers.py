@@ -232,7 +232,7 @@ def test_a_filter_that_fails_opens_with_the_reason_that_check_finds(tmp_path):
     assert "the noise that it has for the gyroscope is too small" in reason.look
     assert reason.command == "simval check mine.py"
     told = {n.label: (n.value, n.beside) for n in section.values["numbers"]}
-    assert told["mine.py, normalised squared error"] == ("6.75", "due 3")
+    assert told["mine.py, normalised squared error"] == ("6.75", "3 predicted")
     assert 3 <= len(told) <= 5
     assert [drawing.name for drawing in section.drawings] == ["failing-time"]
 

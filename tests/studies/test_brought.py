@@ -21,8 +21,8 @@ def run(parameters, streams):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("gone.py", None, "no Python file"),
-        ("mine.txt", GOOD, "no Python file"),
+        ("gone.py", None, "not a Python file"),
+        ("mine.txt", GOOD, "not a Python file"),
         ("trials.py", GOOD, "a module of simval; rename"),
         ("coverage.py", GOOD, "a module of simval; rename"),
         ("seed.py", GOOD, "no key that a suite can have"),

@@ -8,6 +8,7 @@ from simval.studies.diagnosis import MISSED, SELDOM, as_counted, by_markov
 from simval.studies.rest_sets import (
     BIASES,
     HOLDS,
+    LYING,
     PAIRS,
     SCALES,
     SINGLE,
@@ -36,7 +37,7 @@ def test_a_rate_limits_a_count(n, rate):
 
 
 def test_every_fault_was_counted():
-    assert MISSED.keys() == {*SINGLE, *PAIRS, *UNLISTED}
+    assert MISSED.keys() == {*SINGLE, *PAIRS, *LYING, *UNLISTED}
 
 
 @pytest.mark.parametrize("name", [*BIASES, *SCALES, *HOLDS, *UNLISTED])

@@ -76,7 +76,7 @@ def test_a_folder_that_cannot_be_swept_into_is_refused(
         run_suite(suite, tiny_run / "results.csv" / "run")
     with pytest.raises(InputError, match=r"attitude.samples: 65536 -> 70000"):
         run_suite(other, tiny_run, resume=True)
-    with locked(tiny_run), pytest.raises(InputError, match="another sweep is at work"):
+    with locked(tiny_run), pytest.raises(InputError, match="another sweep is running"):
         run_suite(suite, tiny_run, resume=True)
     monkeypatch.setattr(provenance, "loaded", lambda: SimpleNamespace(source="another"))
     with pytest.raises(InputError, match=r"source: .* -> another"):

@@ -82,7 +82,7 @@ def test_nine_parameters_of_a_form(form):
         (("accelerometer", M, np.eye(9), "triangular"), "no triangular one"),
         (("accelerometer", M, np.eye(9), "round"), "`form`"),
         (("g-sensitivity", M, np.eye(9)), "of its own"),
-        (("gyroscope", M, -np.eye(9)), "no covariance"),
+        (("gyroscope", M, -np.eye(9)), "not a covariance"),
     ],
 )
 def test_refusals(arguments, words):
@@ -119,7 +119,7 @@ def test_a_covariance_may_be_singular_in_any_direction(seed):
         wrong = P.copy()
         part = slice(0, 3) if greatest == 1.0 else slice(3, 6)
         wrong[part, part] -= 1e-6 * greatest * np.outer(axis, axis)
-        with pytest.raises(InputError, match="no covariance"):
+        with pytest.raises(InputError, match="not a covariance"):
             replace(model(), start=wrong)
-    with pytest.raises(InputError, match="no covariance"):
+    with pytest.raises(InputError, match="not a covariance"):
         replace(model(), start=P + np.triu(1e-6 * np.ones((6, 6)), 1))

@@ -174,7 +174,7 @@ def test_singular_sets_have_their_rank(q, rank):
 def test_what_no_theory_is_made_of_is_refused():
     case = random_set(12, 1)
     for change in ({"dip_deg": 90.0}, {"accelerometer_std": 0.0}):
-        with pytest.raises(InputError, match=r"tells a heading|a noise is 0"):
+        with pytest.raises(InputError, match=r"shows a heading|a noise is 0"):
             predicted(case, **change)
 
 

@@ -297,7 +297,7 @@ def test_command_plans_a_gyroscope_too(simval, answered):
         (["--poses", "fibonacci:0", "--noise-std", "1"], "fibonacci:0"),
         (["--poses", "edges"], "noise of a pose mean is not known"),
         (["--poses", "edges", "--noise-density", "1"], "not known"),
-        (["--noise-std", "1", "--noise-density", "1"], "leave out the rest"),
+        (["--noise-std", "1", "--noise-density", "1"], "leave out the other noise"),
         (["--noise-std", "nan"], "`noise_std` is nan"),
         (["--noise-std", "1", "--rotation-time", "2"], "--angle-random-walk"),
         (["--noise-std", "1", "--angle-random-walk", "1"], "--hold"),

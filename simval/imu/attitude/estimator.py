@@ -20,6 +20,7 @@ from simval.arrays import GREATEST, Array, finite_array, real_number, shaped_arr
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.imu.attitude import kernel
 from simval.shapes import Bool, Float
+from simval.spelling import counted
 from simval.text import shown
 
 Codes = NDArray[np.int8]
@@ -220,8 +221,9 @@ def refuse(
     if code in (Validity.COLLINEAR, Validity.SINGULAR, Validity.AMBIGUOUS):
         kind = GeometryError
     msg = (
-        f"{bad.size} of {codes.size} sample(s) cannot be used; the first is {where}: "
-        f"{_MESSAGES[code]} (`{instead}` gives a validity per sample instead)"
+        f"{bad.size} of {counted(codes.size, 'sample')} cannot be used; the "
+        f"first is {where}: {_MESSAGES[code]} (`{instead}` gives a validity "
+        "for each sample instead)"
     )
     raise kind(msg)
 
@@ -548,8 +550,8 @@ def _flat_batch(*values: Any) -> tuple[list[Float[Array, "n 3"]], tuple[int, ...
     except ValueError:
         shapes = ", ".join(str(array.shape) for array in arrays)
         msg = (
-            f"b1, b2, r1, r2 have shapes {shapes}, whose leading axes do not match; "
-            "give one vector per sample, or one for all"
+            f"b1, b2, r1, r2 have shapes {shapes}; their leading axes do not "
+            "match, so give one vector for each sample, or one for all"
         )
         raise InputError(msg) from None
     count = int(np.prod(shape))

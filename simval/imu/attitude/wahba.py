@@ -324,8 +324,9 @@ def _pairs(b: Any, r: Any) -> tuple[Array, Array, Codes]:
         shape = np.broadcast_shapes(body.shape, reference.shape)
     except ValueError:
         msg = (
-            f"`b` has shape {body.shape} and `r` {reference.shape}, whose leading axes "
-            "do not match; give one set per sample, or one for all"
+            f"`b` has shape {body.shape} and `r` has {reference.shape}; their "
+            "leading axes do not match, so give one set for each sample, or "
+            "one for all"
         )
         raise InputError(msg) from None
     codes: Codes = np.zeros(shape[:-2], dtype=np.int8)

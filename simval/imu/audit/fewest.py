@@ -85,7 +85,7 @@ class SensorAudit:
     frame : str
         Axes of the readings.
     deviation : Array
-        Noise of a row on each axis, (3,).
+        What the fit leaves of a row on each axis of the sensor, root mean square, (3,).
     spikes : Array
         Times of readings far off, s.
     left : list of (time, rows)
@@ -244,6 +244,8 @@ def _spikes(rows: TermRows, filled: Array) -> Flags:
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
     size = np.sqrt(np.mean(rows.ideal**2) + np.mean(rows.reading**2))
     off = np.sum(np.abs(rows.errors), axis=0)
+    for draws in rows.rounding:  # which a spline has more of at its ends
+        off = off + np.abs(draws).max(axis=1, keepdims=True)
     far = np.abs(left) > SPIKE * noise + BOUND * off + SPIKE_SHARE * size
     found: Flags = far.any(axis=1)
     return found if found.mean() <= SPIKE_SHARE else np.zeros_like(found)
@@ -300,7 +302,7 @@ def _told(
         got, sd, bound = own.of(term.name)
         got = got.copy()
         got[0] += _now(state).get(term.name, 0.0) - instant * (term.name == "delay")
-        allowed = z * sd + bound
+        allowed = np.maximum(z * sd + bound, HELD.get(term.name, 0.0))
         keep = slice(0, 1) if term.name in TIMES else slice(None)
         size = _whole(term.name, sensor, fit)
         if abs(got[0]) < HELD.get(term.name, 0.0):
@@ -338,11 +340,12 @@ def _told(
     spikes = np.concatenate([p.time[p.bad[sensor.name]] for p in pieces])
     total = instant if not delay.wrong else float(state.delay)
     size = float(np.sqrt(np.mean([np.mean(each.ideal**2) for each in rows])))
-    rest = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    every = np.concatenate(left) @ state.mount.T
+    rest = float(np.sqrt(np.mean(every**2)))
     return SensorAudit(
         name=sensor.name, items=items, fitted=fitted, instant=instant, delay=total,
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
-        deviation=regression.deviation, spikes=spikes,
+        deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=spikes,
         left=[(p.time, each) for p, each in zip(pieces, left, strict=True)],
         corrected=corrected, bound=float(max(error)),
         size=size, unexplained=0.0 if explained == "all" else rest / max(size, 1e-300),
@@ -378,6 +381,13 @@ def look(
     state = Expansion(delay, 0.0, 0.0, 0.0, np.eye(3), False, sensor.nominal())
     thin = [_thinned(each, len(pieces)) for each in pieces]
 
+    # of the truth's rounding, too: a frame that leaves less is none
+    known = sum(
+        float(np.sum(draws**2)) * 3.0 / draws.shape[1]
+        for p in thin
+        for draws in sensor.rounding(p, p.time, state)
+    )
+
     def model(late: float) -> tuple[Array, Array, Array]:
         made = [
             (*sensor.motion(p.fine, p.time - late * p.step, state), p) for p in thin
@@ -392,7 +402,7 @@ def look(
     def general(late: float) -> tuple[float, float]:
         motion, y, world = model(late)
         f = np.column_stack([motion @ sensor.nominal(), np.ones(len(y))])
-        floor = SILENT**2 * float(np.sum(y**2))
+        floor = SILENT**2 * float(np.sum(y**2)) + known
         return _left(f, y) + floor, _left(f, world) + floor
 
     far = np.concatenate([np.arange(1, 8), np.arange(8, FARTHEST + 1, 4)])
@@ -417,7 +427,7 @@ def look(
     else:
         candidates = {"": default, "body": np.eye(3), "inverse": default.T}
         candidates |= {f"axes {k}": P @ default for k, P in enumerate(_SIGNED)}
-    floor = SILENT**2 * float(np.sum(y**2))
+    floor = SILENT**2 * float(np.sum(y**2)) + known
     squares = {name: _flexible(motion, y @ C) + floor for name, C in candidates.items()}
     least = min(squares, key=squares.__getitem__)
     if least and squares[least] < HALF * squares[""]:

@@ -16,8 +16,9 @@ parameter by no more than
 
 and the root of a sum of squares by :math:`\sum_b \sqrt{\lambda_b}\,|e_b|`, where
 :math:`\lambda_b` is the greatest share that the band has in a direction of the fit. So
-a set of wrong things explains a recording if what all others would take off the squares
-is less than chance, an F quantile at the stated rate, and this bound allow.
+a set of wrong things explains a recording if what all others, or any one of them, would
+take off the squares is less than chance, an F quantile at half the stated rate for
+each question, and this bound allow.
 """
 
 from collections.abc import Iterable, Sequence
@@ -173,8 +174,6 @@ class Regression:
         Bound of the error of a root of squares, in standard deviations.
     freedom : float
         Degrees of freedom of the noise's density where the columns are.
-    deviation : Array
-        Noise of a row on each axis, (3,).
     """
 
     def __init__(
@@ -196,23 +195,28 @@ class Regression:
         self.weights = (bands.rounding <= CLEAR * bands.signal) * np.ones((3, 1))
         self.weights[:, : len(LOW)] = 1.0
         self.weights /= bands.energy + TINY
+        self._add_up(products, null)
         for _ in range(3):
             self._weigh(products, null)
+            self._add_up(products, null)
         self.error = sum(
             np.sqrt(self._share(each)) * noise
             for each, noise in zip(self._each, self._noise, strict=True)
         )
 
-    def _weigh(self, products: Float[Array, "b 3 p p"], null: Array) -> None:
-        # noise of each band, times that of each axis
-        bands = self._bands
+    def _add_up(self, products: Float[Array, "b 3 p p"], null: Array) -> None:
+        # products of all bands by their weights, and the fit of all terms
         p = len(self._prior)
         each = np.einsum("ab,baij->bij", self.weights, products)
         self._each, self._sum = each[:, :p, :p], each.sum(axis=0)
-        inverse, whole = self._fit(self.terms, null)
-        own = np.einsum("ij,bij->b", inverse, self._each)
+        self._root, self.whole = self._fit(self.terms, null)
+
+    def _weigh(self, products: Float[Array, "b 3 p p"], null: Array) -> None:
+        # noise of each band, times that of each axis
+        bands, root = self._bands, self._root
+        own = np.einsum("ik,bij,jk->b", root, self._each, root, optimize=True)
         dof = np.maximum(6.0 * bands.bins - own, 1.0)
-        z = np.append(whole.value, -1.0)
+        z = np.append(self.whole.value, -1.0)
         left = np.einsum("i,baij,j->ba", z, products, z) * SPREAD
         least = ROUNDING**2 * bands.energy * bands.bins.sum() + TINY
         axis = np.ones(3)
@@ -228,15 +232,11 @@ class Regression:
         share, few = own / max(float(own.sum()), TINY), len(LOW)
         spread = share[:few].sum() ** 2 / dof[:few].sum()
         spread += np.sum(share[few:] ** 2 / dof[few:])
-        self.whole, self._inverse = whole, inverse
         self.freedom = 1.0 / float(spread) / SPREAD
-        self.deviation = np.sqrt(axis * np.median(shape))
 
     def _share(self, own: Float[Array, "p p"]) -> float:
         # greatest share of a band in a direction of the whole fit
-        values, vectors = np.linalg.eigh(self._inverse)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return min(float(np.linalg.eigvalsh(root.T @ own @ root)[-1]), 1.0)
+        return min(float(np.linalg.eigvalsh(self._root.T @ own @ self._root)[-1]), 1.0)
 
     def fit(self, terms: Iterable[AuditTerm], null: Float[Array, " p"]) -> TermFit:
         """Fit some terms; the parameters of all others have their values in `null`."""
@@ -274,16 +274,27 @@ class Regression:
         squares = max(float(z @ self._sum @ z) + own, 0.0)
         fit = TermFit(terms, value, sd, np.zeros_like(sd) + bound, squares,
                   int(seen.sum()), scale)  # fmt: skip
-        return inverse, fit
+        return root, fit
 
-    def explains(self, fit: TermFit, rate: float) -> bool:
-        """Whether all other terms take no more off the squares than is allowed."""
-        more = self.whole.rank - fit.rank
-        if more <= 0:
+    def explains(self, fit: TermFit, null: Float[Array, " p"], rate: float) -> bool:
+        """Whether all other terms, or one, take no more off than is allowed."""
+        others = [each for each in self.terms if each.wrong and each not in fit.terms]
+        if not self._by_chance(fit, self.whole, rate / 2.0):
+            return False
+        return all(
+            self._by_chance(
+                fit, self.fit((*fit.terms, term), null), rate / 2.0 / len(others)
+            )
+            for term in others
+        )
+
+    def _by_chance(self, fit: TermFit, more: TermFit, rate: float) -> bool:
+        rank = more.rank - fit.rank
+        if rank <= 0:
             return True
-        chance = scipy.special.fdtri(more, self.freedom, 1.0 - rate)
-        allowed = np.sqrt(more * chance) + self.error
-        return fit.squares - self.whole.squares <= allowed**2 + 1e-12 * fit.scale
+        chance = scipy.special.fdtri(rank, self.freedom, 1.0 - rate)
+        allowed = np.sqrt(rank * chance) + self.error
+        return fit.squares - more.squares <= allowed**2 + 1e-12 * fit.scale
 
     def fewest(
         self, nulls: Sequence[Float[Array, " p"]], rate: float
@@ -302,7 +313,7 @@ class Regression:
                 for some in sets
                 for k, null in enumerate(nulls)
             ]
-            good = [each for each in fits if self.explains(each[1], rate)]
+            good = [x for x in fits if self.explains(x[1], nulls[x[0]], rate)]
             penalty = np.log(max(self._bands.bins.sum(), 2.0))
             return bool(good), *min(
                 good or fits, key=lambda each: each[1].squares + penalty * each[1].rank

@@ -264,7 +264,9 @@ class SensorTerms:
         """Columns of time beside delay and width."""
         return ()
 
-    def rounding(self, piece: Piece, time: Array) -> tuple[Array, ...]:
+    def rounding(
+        self, piece: Piece, time: Array, state: Expansion
+    ) -> tuple[Array, ...]:
         """Draws of the error of the ideal reading by the truth's rounding."""
         raise NotImplementedError
 
@@ -295,7 +297,7 @@ class SensorTerms:
         return TermRows(
             np.concatenate(columns, axis=2), ideal,
             (own - coarse, bent / 12.0, held / 2.0, turning / 12.0),
-            self.rounding(piece, t), reading,
+            self.rounding(piece, t, state), reading,
         )  # fmt: skip
 
     @staticmethod
@@ -331,7 +333,9 @@ class GyroscopeTerms(SensorTerms):
         now = path.at(time)
         return now.rate[..., None], now
 
-    def rounding(self, piece: Piece, time: Array) -> tuple[Array, ...]:
+    def rounding(
+        self, piece: Piece, time: Array, state: Expansion
+    ) -> tuple[Array, ...]:
         """Twice the derivative of the quaternion's."""
         return (2.0 * piece.attitude_sd * piece.noise(time, 1),)
 
@@ -429,10 +433,12 @@ class AccelerometerTerms(SensorTerms):
             -rate(pulled)[..., None], -later(whole + pulled)[..., None],
         )  # fmt: skip
 
-    def rounding(self, piece: Piece, time: Array) -> tuple[Array, ...]:
+    def rounding(
+        self, piece: Piece, time: Array, state: Expansion
+    ) -> tuple[Array, ...]:
         """The second derivatives of both, and gravity turned."""
         q, g = 2.0 * piece.attitude_sd, float(np.linalg.norm(self.declared.down))
-        r = float(np.linalg.norm(self.nominal()[self.place["Euler"]]))
+        r = float(np.linalg.norm(state.motion[self.place["Euler"]]))
         second = piece.noise(time, 2)
         return (
             piece.position_sd * second, q * g * piece.noise(time, 0), q * r * second,

@@ -32,7 +32,7 @@ from simval.imu.calibrate.minimization import (
     normalized,
     pose_objective,
 )
-from simval.imu.calibrate.outliers import belonging, judge_poses
+from simval.imu.calibrate.outliers import judge_poses, standardized
 from simval.imu.calibrate.residuals import (
     LOSSES,
     READING,
@@ -56,6 +56,7 @@ from simval.imu.calibrate.solver import (
 from simval.imu.sensor import forms
 from simval.poses import PARAMETERS
 from simval.shapes import Float
+from simval.spelling import counted
 from simval.text import shown
 from simval.vocabulary import ITERATIONS, Iteration, Loss, Method, Model, Residual
 
@@ -96,8 +97,8 @@ class Options(Rules):
         ):
             msg = (
                 f"`iteration` is 'source' with residual {self.residual!r} and loss "
-                f"{self.loss!r}; the sources have the squared residual and no other "
-                "loss, so leave both at their defaults"
+                f"{self.loss!r}; the sources know only the squared residual and the "
+                "linear loss, so leave both at their defaults"
             )
             raise InputError(msg)
         units = {"g": "m/s^2", "tolerance": "", "condition_limit": "", "step": ""}
@@ -138,9 +139,10 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
     if readings.ndim == 2 and not isfinite(greatest):
         pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
         msg = (
-            f"`{name}` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
-            f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
-            f"{'xyz'[axis]}; every reading must be finite, so remove that pose"
+            f"`{name}` has readings that are not finite: "
+            f"{np.count_nonzero(~np.isfinite(readings))} in all, the first "
+            f"({readings[pose, axis]}) in pose {pose}, axis {'xyz'[axis]}; "
+            "remove those poses"
         )
         raise InputError(msg)
     if not isfinite(greatest):  # of a batch, whose other trials are fitted
@@ -163,7 +165,7 @@ def checked_noise(
         if residual == "adjusted":
             msg = (
                 "`residual` is 'adjusted', which takes the known noise out of the "
-                "moments, but `noise_std` is not given; give the standard deviation "
+                "moments, but `noise_std` is missing; give the standard deviation "
                 "of a pose mean in raw units"
             )
             raise InputError(msg)
@@ -179,9 +181,9 @@ def require_noise(name: str, sigma: Float[Array, "... n"]) -> None:
     """Refuse a pose without noise, which would weigh without bound."""
     if not np.all(sigma > 0.0):
         msg = (
-            f"`{name}` is 0 for {np.count_nonzero(sigma == 0.0)} of {sigma.size} "
-            "poses; each pose is weighed by 1/noise^2, so give every pose the noise "
-            "that it has"
+            f"`{name}` is 0 for {np.count_nonzero(sigma == 0.0)} of "
+            f"{sigma.size} poses, but each pose is weighted by 1/noise^2; give "
+            "every pose the noise that it has"
         )
         raise InputError(msg)
 
@@ -306,8 +308,9 @@ def calibrate(
     count = readings.shape[-2]
     if count < PARAMETERS:
         msg = (
-            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
-            "different directions, and error bars need 10 or more: add poses"
+            f"{counted(count, 'pose')} given; nine parameters need {PARAMETERS} "
+            "or more in different directions, and error bars need 10 or more: "
+            "add poses"
         )
         raise GeometryError(msg)
     sigma = checked_noise(noise_std, readings, options.residual)
@@ -365,7 +368,7 @@ def _suspects(
     rest = _fit_block(poses[None, keep], std, options)
     if rest["code"][0] >= Code.NON_FINITE:
         return []
-    far = np.abs(belonging(poses, sigma, off).standardized)
+    far = np.abs(standardized(poses, sigma, off))
     return [(k, float(far[k])) for k in off]
 
 

@@ -77,6 +77,7 @@ from simval.imu.calibrate.solver import Code, inverse_root, negative_pivots
 from simval.imu.sensor.readable import NORMAL_95
 from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
+from simval.spelling import counted
 
 
 class Summary(NamedTuple):
@@ -350,9 +351,9 @@ def refuse(
         bound = float(np.inf if full_scale is None else full_scale)
         pose, axis = np.argwhere(np.abs(poses) >= bound)[0]
         msg = (
-            f"pose {pose} reads {poses[pose, axis]:g} on axis {'xyz'[axis]}, at or "
-            f"beyond full scale ({bound:g}); a saturated reading says nothing about "
-            "the force, so remove the pose or use a wider range"
+            f"pose {pose} reads {poses[pose, axis]:g} on axis {'xyz'[axis]}, at "
+            f"or beyond full scale ({bound:g}); a saturated reading does not "
+            "show the force, so remove the pose, or use a wider range"
         )
         raise RefusedError(msg)
     if suspects:
@@ -409,7 +410,8 @@ def _noise_message(poses: Float[Array, "n 3"]) -> str:
     dof = len(poses) - PARAMETERS
     if dof > FEW:
         return message
-    told = f"{dof} degree(s) of freedom say too little of the noise"
+    left = counted(dof, "degree of freedom", "degrees of freedom")
+    told = f"{left} say too little of the noise"
     return f"{message}, and {told}: {STATE_NOISE}"
 
 

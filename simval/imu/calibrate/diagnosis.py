@@ -23,26 +23,20 @@ from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import checked_time, require_noise
 from simval.imu.calibrate.drift import (
-    HIDDEN,
     Drift,
     find_drift,
     of_a_triad,
 )
 from simval.imu.calibrate.goodness_of_fit import (
     Combination,
-    Deletion,
-    believed_range,
     chi_square_chance,
     least_determined_of,
-    overstated,
 )
-from simval.imu.calibrate.outliers import belonging, judge_poses
-from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
+from simval.imu.calibrate.outliers import judge_poses, standardized
 from simval.imu.calibrate.result import FitResult
 from simval.imu.explain import Judgement
 from simval.imu.sensor import forms
-from simval.imu.sensor.readable import WIDE
-from simval.poses import GEOMETRY_LIMIT, PARAMETERS, geometry_loss
+from simval.poses import PARAMETERS, geometry_loss
 from simval.shapes import Float
 
 LEAST_FREEDOM = 10  # dof from which a doubled scatter is seen with 80 %, at `BELIEVED`
@@ -50,16 +44,12 @@ LEAST_FREEDOM = 10  # dof from which a doubled scatter is seen with 80 %, at `BE
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis(ReadOnly):
-    """Residuals of one fit, pose by pose, and a verdict in words.
+    """Residuals of one fit, pose by pose, and what limits it.
 
     Attributes
     ----------
-    distance : Array
-        Signed distance of each reading to the ellipsoid, raw units, (n,).
-    leverage : Array
-        Share of each pose in its own fit, 0 to 1, (n,); they add up to nine.
     standardized : Array
-        Standardised residuals, (n,); NaN where leverage or freedom leaves none.
+        Standardised residuals, (n,); NaN where geometry or freedom leaves none.
     judgement : Judgement or None
         What is wrong with the poses, `simval.imu.explain.judge`; None where no noise is
         known to judge them by.
@@ -79,8 +69,6 @@ class Diagnosis(ReadOnly):
         Half-width of the widest 95 % interval of a scale, over the scale.
     freedom : int
         Degrees of freedom that the scatter is judged with.
-    verdict : str
-        What limits the calibration, in words.
     hidden : float
         Factor by which the order of the poses hides an even drift, (W2) of
         `simval.imu.calibrate.drift`.
@@ -90,8 +78,6 @@ class Diagnosis(ReadOnly):
         The combination of parameters that the poses determine least.
     """
 
-    distance: Float[Array, " n"]
-    leverage: Float[Array, " n"]
     standardized: Float[Array, " n"]
     judgement: Judgement | None
     outliers: tuple[int, ...]
@@ -102,7 +88,6 @@ class Diagnosis(ReadOnly):
     geometry: float
     widest: float
     freedom: int
-    verdict: str
     hidden: float
     hides: str
     least_determined: Combination
@@ -142,7 +127,7 @@ def diagnose(
     Returns
     -------
     Diagnosis
-        Residuals, outliers, chi-square and verdict.
+        Residuals, outliers, chi-square, and what is wrong.
 
     Raises
     ------
@@ -150,7 +135,7 @@ def diagnose(
         If the fit is a batch, or the poses are not those of the fit.
     """
     if instance("fit", fit, FitResult).parameters.ndim != 1:
-        msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
+        msg = f"this is a batch of {len(fit.parameters)} fits; pick one of them"
         raise InputError(msg)
     more = (
         np.zeros((0, 0))
@@ -160,45 +145,28 @@ def diagnose(
     count = fit.dof + PARAMETERS + more.shape[1]
     readings, sigma = _checked(fit, poses, noise_std, count)
     clock = checked_time(time, len(readings))
-    distance, nine, steep = distances(fit, readings)
+    distance, nine = distances(fit, readings)
     rows = nine if further is None else np.concatenate([nine, more], axis=1)
     unit = np.ones(len(readings)) if sigma is None else sigma
     total, chi2, p_value = float(np.sum((distance / unit) ** 2)), np.nan, np.nan
     if sigma is not None and fit.dof > 0:
         chi2, p_value = total / fit.dof, chi_square_chance(total, fit.dof)
-    # the estimate weighs c by `a`: leverage is the diagonal of the hat of sqrt(a) J
-    weighted = rows if fit.residual in WEIGHTED else rows * steep[:, None]
-    shares = noise_shares(fit.residual, sigma)
-    if fit.covariance_kind == "known sigma" and shares is not None:
-        weighted = weighted * np.sqrt(shares)[:, None]
     if judgement is None:
         judgement, off = judge_poses(readings, sigma, clock)
     else:
         off = list(judgement.off)
-    rest = belonging(readings, sigma, off)
     drift = _drift(fit, readings, distance, rows, sigma, clock)
-    # what is wrong and a robust loss leave a chi-square of another law than that of the
-    # least squares over the poses that belong
-    named = bool(off) or (judgement is not None and judgement.names)
-    judged = chi2
-    if named and judgement is not None:
-        judged = judgement.findings[0].fit.misfit ** 2
-    elif fit.loss != "linear":
-        judged = rest.chi2 / rest.dof if rest.dof > 0 else np.nan
-    free, kept = max(rest.dof - more.shape[1], 0), np.delete(readings, off, axis=0)
+    kept = np.delete(readings, off, axis=0)
     cause, do = _off_words(off)
     if judgement is not None:
         times = None if time is None else np.sort(clock)
         cause, do = judgement.cause(times), judgement.advice
-    wrong = f"{cause}: {do}" if do else cause
     geometry = geometry_loss(normalize(fit.sensor().correct(kept)))
     scales = [0, 3, 5] if fit.model == "symmetric" else [3, 4, 5]
     low, high = fit.intervals[scales].T
     widest = float(np.max((high - low) / 2.0 / np.abs(fit.parameters[scales])))
     return Diagnosis(
-        distance=distance,
-        leverage=Deletion.of(weighted, distance).leverage(),
-        standardized=rest.standardized,
+        standardized=standardized(readings, sigma, off),
         judgement=judgement,
         outliers=tuple(off),
         chi2_per_dof=chi2,
@@ -207,8 +175,7 @@ def diagnose(
         do=do,
         geometry=geometry,
         widest=widest,
-        freedom=free,
-        verdict=_verdict(named * wrong, judged, free, drift, geometry, widest),
+        freedom=max(len(kept) - PARAMETERS - more.shape[1], 0),
         hidden=drift.hidden,
         hides=drift.hides,
         least_determined=least_determined_of(nine / unit[:, None], fit.names),
@@ -222,8 +189,8 @@ def _checked(
     readings = physical_array("poses", poses, (None, 3))
     if readings.shape != (count, 3):
         msg = (
-            f"`poses` has shape {readings.shape} and the fit was made from {count} "
-            f"poses, shape {(count, 3)}; give the same"
+            f"`poses` has shape {readings.shape}, but the fit was made from "
+            f"{count} poses, shape {(count, 3)}; give those poses"
         )
         raise InputError(msg)
     if noise_std is None:
@@ -245,8 +212,8 @@ def reduced_chi2(
 
 def distances(
     fit: FitResult, readings: Float[Array, "n 3"]
-) -> tuple[Float[Array, " n"], Float[Array, "n 9"], Float[Array, " n"]]:
-    """Signed distances (D1), their derivatives by the parameters, and slopes of c."""
+) -> tuple[Float[Array, " n"], Float[Array, "n 9"]]:
+    """Signed distances (D1), and their derivatives by the parameters."""
     x = readings - fit.B
     h = x @ fit.matrix.T
     back = h @ fit.matrix
@@ -255,7 +222,7 @@ def distances(
     slopes = forms.matrix_derivatives(fit.model, fit.parameters)
     by_matrix = 2.0 * np.einsum("nr,jrk,nk->nj", h, slopes, x, optimize=True)
     rows = np.concatenate([by_matrix, -2.0 * back], axis=-1)
-    return c / steep, rows / steep[:, None], steep
+    return c / steep, rows / steep[:, None]
 
 
 def _drift(
@@ -272,35 +239,6 @@ def _drift(
     )  # fmt: skip
 
 
-def verdict(
-    chi2_per_dof: float, dof: int, *, told: bool = True, first: bool = True
-) -> str:
-    """Say what a chi-square per degree of freedom means; `told` if no drift hides."""
-    if dof == 0:
-        return "nine poses fit exactly: the residuals say nothing; add poses"
-    if not np.isfinite(chi2_per_dof):
-        return "not judged: the noise of a pose mean is not known"
-    low, high = believed_range(dof) / dof
-    factor = np.sqrt(chi2_per_dof)
-    if chi2_per_dof > high:
-        return (
-            f"the poses are the limit, not the noise: residuals are {factor:.1f} times "
-            "what the noise explains (moved holds, drift, a sensor that is not "
-            "linear); more averaging will not help"
-            + (", trust the Type A error bars" if told else "")
-        )
-    if chi2_per_dof < low:
-        return overstated(factor)
-    said = "noise is the limit: " if first else ""
-    said += "the residuals are what the noise explains"
-    if dof < LEAST_FREEDOM:
-        said += (
-            f", as far as {dof} degree(s) of freedom can tell (scatter of up to "
-            f"{np.sqrt(high):.1f} times the noise would pass); more poses would tell"
-        )
-    return said
-
-
 def _off_words(off: list[int]) -> tuple[str, str]:
     # which poses do not belong, and what to do
     if not off:
@@ -311,33 +249,3 @@ def _off_words(off: list[int]) -> tuple[str, str]:
         f"gravity in pose{'s' * many} {which} is not that of the others",
         f"look at the hold, leave {'them' if many else 'it'} out and calibrate again",
     )
-
-
-def _verdict(
-    wrong: str, chi2: float, free: int, drift: Drift, geometry: float, widest: float
-) -> str:
-    # what limits a calibration, the gravest first
-    parts = [wrong] if wrong else []
-    wide = not geometry <= GEOMETRY_LIMIT
-    told = drift.hidden <= HIDDEN
-    said = verdict(chi2, free, told=told, first=not (parts or wide))
-    scatter = f"without that, {said}" if wrong else said
-    if wide:
-        factor = f"{geometry:.0f} times" if geometry < 1e6 else "far beyond"
-        loss = (
-            f"the worst error bar is {factor} that of as many poses all over the "
-            "sphere; add poses in directions not yet covered"
-        )
-        parts += (
-            [scatter, f"the geometry costs as well: {loss}"]
-            if "poses are the limit" in said
-            else [f"the geometry is the limit: {loss}", scatter]
-        )
-    else:
-        parts.append(scatter)
-    if widest > WIDE:
-        parts.append(
-            f"a scale is known to {100.0 * widest:.2g} % only, at 95 %: not yet "
-            "a calibration"
-        )
-    return "; ".join(parts)

@@ -50,8 +50,6 @@ class Drift(NamedTuple):
     p_value : float
         Chance (W1) of residuals that follow the time as much; NaN where too few poses
         are left to tell.
-    left : float
-        Squares that the best drift leaves, over their degrees of freedom.
     what : str
         What explains them best by drifting.
     span : float
@@ -66,7 +64,6 @@ class Drift(NamedTuple):
     """
 
     p_value: float
-    left: float
     what: str
     span: float
     drop: float
@@ -136,7 +133,7 @@ def find_drift(
                 best = (chance, rest / free, what, span, before - rest)
     return Drift(
         p_value=min(1.0, tried * best[0]) if tried else np.nan,
-        left=best[1], what=best[2], span=best[3], drop=best[4],
+        what=best[2], span=best[3], drop=best[4],
         hidden=hidden[0], hides=hidden[1],
     )  # fmt: skip
 

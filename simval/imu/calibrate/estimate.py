@@ -138,8 +138,8 @@ class Estimate(Told, ShownFit):
             steps = int(np.atleast_1d(self.iterations)[bad[0]])
             few = status == "max iterations" and steps < self.ample
             msg = (
-                f"{bad.size} trial(s) did not converge, the first is trial {bad[0]} "
-                f"({status}) after {steps} iterations: {self.advice}"
+                f"{counted(bad.size, 'trial')} did not converge, the first is trial "
+                f"{bad[0]} ({status}) after {steps} iterations: {self.advice}"
                 + (" (or raise `max_iterations`)" if few else "")
             )
             raise ConvergenceError(msg)

@@ -78,24 +78,6 @@ class SourceError(NamedTuple):
     widening: float  # by how much error bars of the cause have grown, their median
 
     @property
-    def sentence(self) -> str:
-        """The error in words."""
-        if self.kind == "noise":
-            return (
-                f"noise of the {self.cause}: taken {np.hypot(1.0, self.size):.3g} "
-                "times as large as stated or measured"
-            )
-        if self.kind == "matrix":
-            return (
-                f"matrix of the {self.cause}: taken to change by "
-                f"{100.0 * self.size:.2g} % in the course of the log"
-            )
-        what = f"rotations of the {self.cause}: beside its noise they"
-        if self.cause == "hold":
-            what = "holds: by what the body turns in them unseen rotations"
-        return f"{what} are taken to be off by {np.degrees(self.size):.2g} degrees"
-
-    @property
     def words(self) -> str:
         """The error as a person says it."""
         if self.kind == "noise":
@@ -147,27 +129,6 @@ class NoiseFactors(ReadOnly):
         return tuple(dict.fromkeys(causes))
 
     @property
-    def sentences(self) -> tuple[str, ...]:
-        """What there is to say of errors beside the stated noise."""
-        if self.borne:
-            return ()
-        likely = [each for each in self.errors if each.share > 1.0 - NAMED]
-        likely.sort(key=lambda each: -each.share)
-        if not self.blamed:
-            told = self.odds >= np.log(REMARKED)
-            why = "which of these is why cannot be told" if told else "cause unknown"
-            taken = "".join(f"; {each.sentence}" for each in likely)
-            return (
-                f"{series(self.sources)} misfit beyond their noise, {why}, so "
-                f"error bars are widened to match{taken}",
-            )
-        return tuple(
-            "; or ".join(each.sentence for each in likely if each.cause == cause)
-            + ", as its residuals ask"
-            for cause in self.blamed
-        )
-
-    @property
     def words(self) -> str:
         """Who scatters beyond the stated noise, and how far; empty where none does."""
         if self.borne:
@@ -192,25 +153,18 @@ class NoiseFactors(ReadOnly):
         for sensor in self.sensors[1:]:
             own = [each for each in self.errors if each.cause == sensor.name]
             worst = max(own, key=lambda each: each.share)
-            beyond = (
-                f"{100.0 * CHANGED:g} % at most"
-                if worst.kind == "matrix"
-                else f"for error bars {worst.widening:.3g} times as wide, {WIDEST:g} "
-                "at most"
-            )
-            sound = (
-                worst.size <= CHANGED
-                if worst.kind == "matrix"
-                else worst.widening <= WIDEST
-            )
-            if sensor.name not in self.blamed or sound:
-                continue
-            return (
-                f"{worst.sentence}, as its residuals ask, {beyond}: it does not follow "
-                f"the model of one calibration; look at {sensor.item} {sensor.worst}, "
-                "which is farthest off, at a scale or a bias that changes with time, "
-                "at the range and the clock of the sensor, and at that noise"
-            )
+            sound = worst.widening <= WIDEST
+            wider = f"for error bars {worst.widening:.3g} times as wide"
+            beyond = f"{wider}, {WIDEST:g} at most"
+            if worst.kind == "matrix":
+                sound, beyond = worst.size <= CHANGED, f"{100.0 * CHANGED:g} % at most"
+            if sensor.name in self.blamed and not sound:
+                return (
+                    f"{worst.words}, {beyond}: it does not follow the model of one "
+                    f"calibration; look at {sensor.item} {sensor.worst}, which is "
+                    "farthest off, at a scale or a bias that changes with time, at the "
+                    "range and the clock of the sensor, and at that noise"
+                )
         return ""
 
     def as_object(self) -> dict[str, Any]:

@@ -154,7 +154,7 @@ _KINDS = ("known sigma", "type A", "none")
 def to_json(fit: FitResult) -> dict[str, Any]:
     """Return one fit as plain JSON values; NaN becomes null."""
     if instance("fit", fit, FitResult).parameters.ndim != 1:
-        msg = f"a batch of {len(fit.parameters)} fits is not one calibration; pick one"
+        msg = f"this is a batch of {len(fit.parameters)} fits; pick one of them"
         raise InputError(msg)
     return {
         "format": FORMAT,
@@ -176,7 +176,10 @@ def to_json(fit: FitResult) -> dict[str, Any]:
 def from_json(data: Any, source: str = "the calibration") -> FitResult:
     """Rebuild a fit from what `to_json` made, or from T, K and B."""
     if not isinstance(data, dict) or data.get("format", FORMAT) != FORMAT:
-        msg = f"{source} is not a calibration file (no format {FORMAT!r}); write one "
+        msg = (
+            f"{source} is not a calibration file (it has no format {FORMAT!r}); "
+            "write one "
+        )
         raise InputError(msg + "with `simval calibrate LOG --out FILE`")
     with named(source):
         model, parameters = _parameters(data)
@@ -379,8 +382,9 @@ def _thermal(own: dict[str, Any]) -> Term:
     variances = np.diagonal(found.covariance)
     if not (low <= found.reference <= high and usable and np.all(variances > 0.0)):
         msg = (
-            "a number is missing or beyond all use, a variance is not above 0, or the "
-            "reference is not within the range; write it with `simval calibrate --out`"
+            "a number is missing or absurdly large, a variance is not above 0, "
+            "or the reference is outside the range; write the file with "
+            "`simval calibrate --out`"
         )
         raise InputError(msg)
     return found

@@ -80,7 +80,6 @@ class JointSolution(NamedTuple):
     theta: Float[Array, "t p"]
     iterations: Any  # steps tried, (t,)
     converged: Any  # bool, (t,)
-    step: Float[Array, " t"]  # the last, in standard deviations
     here: Whitened  # the last linearisation, and the rows after its step
 
 
@@ -97,7 +96,7 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSo
     count, ends = len(theta), list[tuple[Any, dict[str, Array]]]()
     theta, damping = theta.copy(), np.zeros(count)
     iterations, converged = np.zeros(count, dtype=int), np.zeros(count, dtype=bool)
-    last, before = np.full(count, np.nan), np.full(count, np.nan)
+    before = np.full(count, np.nan)
     active = np.flatnonzero(np.isfinite(theta).all(axis=1))
     with np.errstate(all="ignore"):  # a hopeless trial overflows and ends unconverged
         for _ in range(most):
@@ -121,7 +120,6 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSo
                 further = np.maximum(further, _MARGIN * moved)
             small |= further <= _MARGIN * TOLERANCE
             theta[active[better]] = tried[better]
-            last[active] = moved
             own = damping[active]
             less = np.where(own > _FIRST_DAMPING, own / 10.0, 0.0)
             more = np.maximum(own * 10.0, _FIRST_DAMPING)
@@ -141,7 +139,7 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSo
             at=problem.corrected(theta), **{k: v[order] for k, v in joined.items()}
         )
     return JointSolution(
-        theta=theta, iterations=iterations, converged=converged, step=last, here=here
+        theta=theta, iterations=iterations, converged=converged, here=here
     )
 
 

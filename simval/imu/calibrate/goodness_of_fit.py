@@ -38,6 +38,7 @@ share :math:`\alpha`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -249,10 +250,9 @@ class Deletion:
 
     def leverage(self) -> Float[Array, " i"]:
         """Share of each item in its own fit, 0 to 1."""
+        assert self.items is not None
         _, room = self.room([])
         left = np.trace(room, axis1=1, axis2=2)
-        if self.items is None:
-            return np.clip(1.0 - left, 0.0, 1.0)
         return 1.0 - left / np.sum(self.items**2, axis=(1, 2))
 
     def outliers(self, known: float | None) -> list[int]:
@@ -308,40 +308,23 @@ class Deletion:
 
 
 def _exhaustive(deletion: Deletion, k: int) -> list[int]:
-    # every set of one, two or three rows
+    # every set K of so many rows: greatest drop r_K' (P_KK)^-1 r_K, by elimination
     residual = deletion.residual
-    annihilator = np.eye(len(residual)) - deletion.q @ deletion.q.T
-    if k == 1:
-        return [deletion.greatest_drop([])]
-    if k == 2:
-        return list(_best_pair(annihilator, residual)[1])
-    best, worst = -np.inf, (0, 1, 2)
-    for first in range(len(residual) - 2):
-        room = annihilator[first, first]
-        column = annihilator[first + 1 :, first]
-        if room <= NO_ROOM:
-            continue
-        rest = annihilator[first + 1 :, first + 1 :] - np.outer(column, column) / room
-        moved = residual[first + 1 :] - column * residual[first] / room
-        value, pair = _best_pair(rest, moved)
-        value += residual[first] ** 2 / room
-        if value > best:
-            best, worst = value, (first, pair[0] + first + 1, pair[1] + first + 1)
-    return list(worst)
-
-
-def _best_pair(
-    annihilator: Float[Array, "n n"], residual: Float[Array, " n"]
-) -> tuple[float, tuple[int, int]]:
-    # greatest drop r_K' (P_KK)^-1 r_K over all pairs K
-    room, square = np.diagonal(annihilator), residual**2
-    determinant = np.outer(room, room) - annihilator**2
-    value: Array = np.outer(square, room)
-    value = value + value.T - 2.0 * np.outer(residual, residual) * annihilator
-    good = np.triu(determinant > NO_ROOM, 1)
-    value = np.where(good, value / np.where(good, determinant, 1.0), -np.inf)
-    i, j = divmod(int(np.argmax(value)), len(room))
-    return float(value[i, j]), (i, j)
+    sets = np.array(list(combinations(range(len(residual)), k)))
+    P = np.eye(len(residual)) - deletion.q @ deletion.q.T
+    own, r, drop = (
+        P[sets[:, :, None], sets[:, None]],
+        residual[sets],
+        np.zeros(len(sets)),
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for j in range(k):
+            pivot = own[:, j, j]
+            drop += np.where(pivot > NO_ROOM, r[:, j] ** 2 / pivot, -np.inf)
+            column = own[:, :, j] / pivot[:, None]
+            r = r - column * r[:, j, None]
+            own = own - column[:, :, None] * own[:, j, None]
+    return sets[np.argmax(np.nan_to_num(drop, nan=-np.inf))].tolist()
 
 
 def chi_square_chance(chi_square: float, dof: float) -> float:
@@ -354,14 +337,6 @@ def chi_square_chance(chi_square: float, dof: float) -> float:
 def believed_range(dof: float) -> Float[Array, "2"]:
     """Chi-squares between which a noise is believed."""
     return 2.0 * scipy.special.gammaincinv(dof / 2, [BELIEVED, 1.0 - BELIEVED])
-
-
-def overstated(factor: float) -> str:
-    """Say that residuals are less than the noise explains, by a factor."""
-    return (
-        f"residuals are {factor:.2f} times what the noise explains: the noise is "
-        "overstated, or the poses are not independent"
-    )
 
 
 class Drop(NamedTuple):

@@ -422,7 +422,7 @@ def _of_three(
     shared = {"status": result["status"], "iterations": result["iterations"]}
     own = replace(
         own, residual_angles=result["residual_angles"], dof=dof, noise=told,
-        chi2_per_dof=chi2_per_dof, step=result["step"], **shared,
+        chi2_per_dof=chi2_per_dof, **shared,
     )  # fmt: skip
     compass = replace(compass, half_width=result["half_width"], noise=told, **shared)
     whole = Calibration(
@@ -461,7 +461,6 @@ def _numbers(
         "half_width": NORMAL_95 * natural.max(axis=1),
         "residual_angles": turns.angles(here.at, theta[:, PARAMETERS:]),
         "chi2": np.array(here.chi_square),
-        "step": np.array(found.step),
     }
 
 

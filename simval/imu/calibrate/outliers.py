@@ -7,7 +7,7 @@ the ellipsoid of the poses that belong, residuals are distances.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -95,20 +95,13 @@ def _outliers(poses: Float[Array, "n 3"]) -> list[int]:
     return chosen
 
 
-class Belonging(NamedTuple):
-    """How each pose stands to the ellipsoid of those that belong."""
-
-    # deletion residual of each pose in standard deviations; NaN where the poses that
-    # belong leave no freedom
-    standardized: Float[Array, " n"]
-    chi2: float  # chi-square of the poses that belong; NaN without sigma
-    dof: int  # degrees of freedom of the poses that belong
-
-
-def belonging(
+def standardized(
     poses: Float[Array, "n 3"], sigma: Float[Array, " n"] | None, off: Sequence[int]
-) -> Belonging:
-    """Compare each pose with the ellipsoid of the others that are not `off`."""
+) -> Float[Array, " n"]:
+    """Deletion residual of each pose from the ellipsoid of the others not `off`.
+
+    In standard deviations; NaN where the poses that belong leave no freedom.
+    """
     count, chosen = len(poses), list(off)
     z, scale, floor = scaled(poses)
     unit = np.ones(count) if sigma is None else sigma / scale
@@ -140,4 +133,4 @@ def belonging(
     elif dof > 1:
         own = np.where(flagged, total / dof, (total - ratio**2) / (dof - 1))
         variance = np.maximum(own, deletion.floor)
-    return Belonging(-ratio / np.sqrt(variance), float(chi2), dof)
+    return np.asarray(-ratio / np.sqrt(variance))

@@ -391,7 +391,8 @@ def _checked(time: Array, y: Array, intervals: Any) -> Any:
     if not np.all(np.diff(time) > 0.0):
         where = int(np.argmin(np.diff(time))) + 1
         msg = (
-            f"`time` does not rise at row {where}; sort the rows, or cut the log there"
+            f"`time` does not increase at row {where}; sort the rows, or cut "
+            "the log there"
         )
         raise InputError(msg)
     return checked_rests(intervals, len(time))

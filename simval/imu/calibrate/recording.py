@@ -30,6 +30,7 @@ from simval.imu.calibrate.result import FitResult
 from simval.imu.calibrate.thermal import Term
 from simval.imu.sensor import forms
 from simval.shapes import Float
+from simval.spelling import counted
 from simval.vocabulary import Model
 
 Hemisphere = Literal["unstated", "north", "south"]
@@ -156,9 +157,9 @@ class Recording(ReadOnly):
             trials = 1 if len(shape) == 2 else shape[0]
             if rests.shape != (trials, *shape[-2:]) or shape[-2] < 3:
                 msg = (
-                    f"`rotations` has {len(rests)} trial(s) of {rests.shape[1]} rests "
-                    f"and `poses` the shape {shape}; give one pose for each rest, "
-                    "three rests or more"
+                    f"`rotations` has {counted(len(rests), 'trial')} of "
+                    f"{rests.shape[1]} rests, but `poses` has shape {shape}; give one "
+                    "pose for each rest, three rests or more"
                 )
                 raise InputError(msg)
         if self.accelerometer is not None:
@@ -189,7 +190,10 @@ class Recording(ReadOnly):
         if self.known_bias is not None:
             checked["known_bias"] = physical_array("known_bias", self.known_bias, (3,))
             if self.bias == "constant":
-                msg = "`known_bias` is given and `bias` is constant; ask for first rest"
+                msg = (
+                    "`known_bias` is given, but `bias` is constant; ask for "
+                    "bias='first rest'"
+                )
                 raise InputError(msg)
         return checked
 
@@ -259,10 +263,10 @@ def require_same(name: str, fit: FitResult, recording: Recording) -> None:
     g, g_std, model = recording.g, recording.g_std, recording.model
     if (fit.g, fit.g_std, fit.model) != (g, g_std, model):
         msg = (
-            f"`{name}` was calibrated with g = {fit.g:g} ± {fit.g_std:.2g} m/s^2 in "
-            f"the {fit.model} form, and the recording has {g:g} ± {g_std:.2g} and "
-            f"{model}; the two must be the same, so give `g=fit.g`, "
-            "`g_std=fit.g_std`, `model=fit.model`"
+            f"`{name}` was calibrated with g = {fit.g:g} ± {fit.g_std:.2g} "
+            f"m/s^2 in the {fit.model} form, but the recording has {g:g} ± "
+            f"{g_std:.2g} and {model}; make them the same: g=fit.g, "
+            "g_std=fit.g_std, model=fit.model"
         )
         raise InputError(msg)
 
@@ -277,9 +281,10 @@ def std_of(name: str, value: Any, shape: tuple[int, ...]) -> Float[Array, "..."]
     """
     if value is None:
         msg = (
-            f"`{name}` is not given; the equations of a rest are weighed by the noise "
-            "of the sensors, so give the standard deviation of each axis of a mean in "
-            "raw units, as a rule that of a rest over the root of its samples"
+            f"`{name}` is missing; the equations of a rest are weighted by the "
+            "noise of the sensors, so give the standard deviation of each axis "
+            "of a mean in raw units (usually that of a rest over the root of "
+            "its samples)"
         )
         raise InputError(msg)
     given, count = shaped_array(name, value, ()), shape[-2]

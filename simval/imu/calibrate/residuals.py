@@ -59,15 +59,9 @@ READING = slice(6, 9)
 _HALVES = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 
 
-def monomials(z: Float[Array, "... 3"]) -> Float[Array, "... 10"]:
-    """The ten monomials xx yy zz xy xz yz x y z 1 of a reading."""
-    result = np.empty((*z.shape[:-1], 10))
-    np.multiply(z, z, out=result[..., :3])
-    for place in (3, 4, 5):
-        np.multiply(z[..., FIRST[place]], z[..., SECOND[place]], out=result[..., place])
-    result[..., 6:9] = z
-    result[..., 9] = 1.0
-    return result
+def monomials(z: Float[Array, "n 3"]) -> Float[Array, "n 10"]:
+    """The ten monomials xx yy zz xy xz yz x y z 1 of each reading."""
+    return monomial_rows(z[:, None])[..., 0]
 
 
 def monomial_slopes() -> Float[Array, "9 3 4"]:
@@ -96,7 +90,7 @@ def moment_matrix(
 
 
 def monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
-    """A row for each monomial: the poses are next to each other in memory."""
+    """A row for each of `monomials`: the poses are next to each other in memory."""
     x = np.ascontiguousarray(z.mT)
     result = np.empty((len(x), 10, x.shape[-1]))
     np.multiply(x, x, out=result[:, :3])

@@ -11,7 +11,8 @@ parameters are those at T_0, and a reading y at T is that of the sensor at T_0 w
 is :math:`y' = b + (1 + \kappa\tau) \circ (y - b - \beta\tau)`.
 
 **Evidence.** Terms are added three at a time, one for each axis: bias or scale, linear
-first, by the odds that judge all else (`simval.imu.explain.temperature_effect`). A
+first, by the odds that judge all else (`temperature_effect` of
+`simval.imu.explain.judgement`). A
 sensor that does not depend on temperature is given a term in one log of a hundred at
 most. Where something else explains as much, such as a drift in time or a rest that is
 off, no term is added and that is said.
@@ -28,7 +29,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import scipy
 
 from simval.arrays import Array, ReadOnly
 from simval.imu.calibrate.equations import Accelerometer, Corrected, Problem
@@ -188,11 +188,6 @@ class Term(ReadOnly):
     def sd(self) -> Float[Array, "k 3"]:
         """Standard deviation of each coefficient."""
         return np.sqrt(np.diagonal(self.covariance)).reshape(-1, 3)
-
-    def confidence_intervals(self, level: float = 0.95) -> Float[Array, "k 3 2"]:
-        """Interval of each coefficient, by Student's t."""
-        half = scipy.special.stdtrit(self.dof, 0.5 + level / 2.0) * self.sd
-        return np.stack([self.coefficients - half, self.coefficients + half], axis=-1)
 
     def powers(self, temperature: Float[Array, " n"]) -> Float[Array, "n 2"]:
         """Tau and its square."""

@@ -186,7 +186,7 @@ def noise_facts(noise: Any) -> tuple[Fact, ...]:
     if noise.least_determined is None:
         return ()
     return (
-        *(Fact("noise", each, notable=True) for each in noise.sentences),
+        *(Fact("noise", x, notable=True) for x in [noise.words] if x),
         *(
             Fact("residuals", str(x.remark), notable=bool(x.outliers))
             for x in noise.sensors

@@ -213,8 +213,8 @@ class RestMeans(ReadOnly):
             raise InputError(msg)
         if not np.all(degrees >= LEAST_FREEDOM):
             msg = (
-                f"`freedom` is {np.min(degrees):g}; a noise that is measured with "
-                f"fewer than {LEAST_FREEDOM:g} degrees of freedom judges nothing, so "
+                f"`freedom` is {np.min(degrees):g}; noise measured with fewer than "
+                f"{LEAST_FREEDOM:g} degrees of freedom cannot judge anything, so "
                 "pool that of several rests"
             )
             raise InputError(msg)

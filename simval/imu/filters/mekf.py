@@ -310,9 +310,10 @@ def _require_noise(
         k = int(np.argmin(seen.reshape(-1, len(noise)).all(axis=0)))
         name = f"{SENSORS[1 + some[k // 3]]}_noise"
         msg = (
-            f"`{name}` is {np.sqrt(noise[k]):.3g}, and lost in rounding beside the "
-            f"{np.sqrt(np.max(variances)):.3g} by which a reading is off for the "
-            "error of the attitude; give the scatter of a row of that sensor"
+            f"`{name}` is {np.sqrt(noise[k]):.3g}; it is lost in rounding next "
+            f"to {np.sqrt(np.max(variances)):.3g}, by which a reading is off "
+            "because of the attitude error, so give the scatter of a row of "
+            "that sensor"
         )
         raise InputError(msg)
 

@@ -18,6 +18,7 @@ from simval.imu.logs.joining import SLOWEST
 from simval.imu.logs.names import SECONDS
 from simval.imu.logs.text import Table
 from simval.shapes import Bool, Float, Int
+from simval.spelling import counted
 
 GAP = 5.0  # s; beyond it a recording was stopped and begun again
 RATE_AGREEMENT = 0.1  # relative; beyond it time column and stated rate contradict
@@ -68,9 +69,9 @@ def read_clock(
     if table.restarts and not second:
         at = f"{(table.restarts[0] - 0.5) / rate:.6g}"
         msg = (
-            f"{table.where(table.restarts[0])}: the header stands again above it, so "
-            "the logger was started again, and no clock says how long it stood still; "
-            f"read one of its parts: --until {at}, or --from {at}"
+            f"{table.where(table.restarts[0])}: the header is repeated above "
+            "it, so the logger was restarted, and no clock says how long it "
+            f"stood still; read one of the parts: --until {at}, or --from {at}"
         )
         raise InputError(msg)
     if table.rate:
@@ -262,9 +263,9 @@ def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
         msg = (
-            f"{table.where(int(np.argmax(bad)))}: a value is missing or not finite "
-            f"({np.count_nonzero(bad)} such row(s) in all); every value must be a "
-            "finite number, so cut or repair those rows"
+            f"{table.where(int(np.argmax(bad)))}: a value is missing or not "
+            f"finite ({counted(int(bad.sum()), 'such row')} in all); cut "
+            "or repair those rows"
         )
         raise InputError(msg)
 
@@ -366,9 +367,9 @@ def _checked_rate(
     within = step[step <= GAP]
     if not len(within):
         msg = (
-            f"{table.path}: the time column says that all {len(time)} rows are more "
-            f"than {GAP:g} s apart, usually {median:.4g} s, and a log has rows that "
-            "follow each other; have the time in seconds, or mark its column - "
+            f"{table.path}: by the time column all {len(time)} rows are more "
+            f"than {GAP:g} s apart, usually {median:.4g} s, which is no log of "
+            "one motion; write the time in seconds, or mark its column - "
             "(--columns) and state the rate (--rate HZ)"
         )
         raise InputError(msg)
@@ -377,9 +378,9 @@ def _checked_rate(
     # rows that are lost make fewer of them, and leave the usual step as it is
     if rate is not None and not (_agree(measured, rate) or _agree(1 / median, rate)):
         msg = (
-            f"{table.path}: the time column says {measured:.6g} Hz and `rate` "
-            f"{rate:.6g} Hz; give the right rate, have the time in seconds, or mark "
-            "its column -"
+            f"{table.path}: the time column says {measured:.6g} Hz, but `rate` "
+            f"is {rate:.6g} Hz; correct the rate, write the time in seconds, or "
+            "mark its column -"
         )
         raise InputError(msg)
     return measured

@@ -117,7 +117,7 @@ def chosen(
     They need not be an accelerometer's if a sensor may be `alone`.
     """
     if sensor is not None and (columns is not None or table.names is None):
-        msg = f"{table.path} has one sensor without a name, so leave out --instance"
+        msg = f"{table.path} has only one sensor, without a name; leave out --instance"
         raise InputError(msg)
     if columns is not None:
         return _given(table, columns, alone=alone)
@@ -363,8 +363,8 @@ def given(
         clock = match[1] == "t" and unit in SECONDS
         if unit and not (clock or match[1] == TEMPERATURE):
             msg = (
-                f"`{option}` has {name}; a unit is for the clock, one of t[s], t[ms], "
-                "t[us], t[ns], and for a temperature"
+                f"`{option}` has {name}; only a clock (t[s], t[ms], t[us], t[ns]) "
+                "and a temperature take a unit here"
             )
             raise InputError(msg)
         pairs.append((match[1], unit))
@@ -409,10 +409,10 @@ def _by_header(
     another = _no_force(table)
     if another and not any(len(triples(table, kind)) == 1 for kind in alone):
         msg = (
-            f"{table.path} names no accelerometer, which finds the rests and the axes; "
-            "`simval noise` measures the noise of another sensor alone. Name each "
-            "column in its order, but only if the names are wrong "
-            f"--columns {template(table.width)}"
+            f"{table.path} has no column named as an accelerometer, which finds "
+            "the rests and the axes; `simval noise` measures the noise of "
+            "another sensor alone. If the names are wrong, name each column in "
+            f"its order: --columns {template(table.width)}"
         )
         raise InputError(msg)
     if not another:
@@ -602,8 +602,8 @@ def _force(table: Table, sensor: str | None) -> Triple:
     elif not (why := _free_of_gravity(table, stems.values())) and len(found) > 1:
         options = " or ".join(f"--instance {word}" for word in named)
         why = (
-            f"{len(found)} accelerometers are named, and one is to be calibrated: "
-            f"give {options}"
+            f"{len(found)} accelerometers are named, and only one can be "
+            f"calibrated: give {options}"
         )
     if why:
         raise _question(table, why, found)
@@ -671,7 +671,7 @@ def _question(table: Table, why: str, candidates: list[Triple]) -> InputError:
     free = [k for k in numbers if channels[k].kind in _FREE]
     form = "one of" if len(candidates) > 1 else "for example"
     if not candidates and len(free) < 3:  # all are known, as something else
-        form, free = "but only if the names are wrong", numbers
+        form, free = "if the names are wrong", numbers
     lines = [
         template(table.width, start | dict(zip(each, ROLES["force"], strict=True)))
         for each in candidates[:3]

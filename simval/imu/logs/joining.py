@@ -104,9 +104,9 @@ def candidates(
     forces = forces or [each for each in streams if each.has("force")]
     if not forces:
         msg = (
-            f"{path} holds no readings of an accelerometer in a form that is known; it "
-            f"has {holds[:MOST_NAMED] or 'no messages'}; record them, or export "
-            "them as CSV"
+            f"{path} has no accelerometer in a known form; it has "
+            f"{holds[:MOST_NAMED] or 'no messages'}; record its readings, or "
+            "export them as CSV"
         )
         raise InputError(msg)
     groups = {each.group for each in forces}

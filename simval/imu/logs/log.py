@@ -1,7 +1,7 @@
 """A log and the function that reads one, see `simval.imu.logs`."""
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
@@ -102,6 +102,22 @@ class Log(ReadOnly):
         end = self.time[0] + seconds
         return int(np.searchsorted(self.time, end, side="right"))
 
+    def span(self, rows: Iterable[int]) -> str:
+        """Times of the first and the last of some rows, in words.
+
+        Parameters
+        ----------
+        rows : iterable of int
+            Start and stop: rows ``start <= k < stop``.
+
+        Returns
+        -------
+        str
+            Such as 12.00 s to 14.99 s.
+        """
+        start, stop = rows
+        return f"{self.time[start]:.2f} s to {self.time[stop - 1]:.2f} s"
+
     @property
     def has_force(self) -> bool:
         """Whether there is an accelerometer, and not another sensor alone."""
@@ -140,7 +156,7 @@ class Log(ReadOnly):
             The same log with these alone, and words on them.
         """
         time = self.time[rows]
-        whole = f"{self.time[0]:.2f} s to {self.time[-1]:.2f} s"
+        whole = self.span((0, len(self.time)))
         words = f"{time[0]:.2f} s to {time[-1]:.2f} s, {why}, of {whole}"
         every = np.ones(len(self.time), bool) if self.of_file is None else self.of_file
         kept = np.isin(np.arange(len(every)), np.flatnonzero(every)[rows])
@@ -496,9 +512,10 @@ def require_no_means(path: str, force: Float[Array, "n 3"]) -> None:
     """Raise InputError for rows that look like means of poses, and no log."""
     if are_means(force[~np.isnan(force[:, 0])]):
         msg = (
-            f"{path}: its {len(force)} rows read gravity in as many directions, as a "
-            "table of means of poses does; if they are, `simval calibrate --means` "
-            "fits them; rows of a log hardly turn from one to the next"
+            f"{path}: its {len(force)} rows read gravity in as many directions, "
+            "as a table of means of poses does, and rows of a log hardly turn "
+            "from one to the next; if they are means, `simval calibrate "
+            "--means` fits them"
         )
         raise InputError(msg)
 

@@ -57,7 +57,7 @@ class Part:
         if not taken.any():
             asked = " ".join(f"{name} {edge}" for name, edge in given.items())
             msg = (
-                f"{table.path}: no row is in the part that is asked for "
+                f"{table.path}: no row lies in the part that you asked for "
                 f"({asked}); the log has {whole}, so give times within these"
             )
             raise InputError(msg)

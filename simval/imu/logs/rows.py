@@ -67,8 +67,8 @@ class Rows:
         delay = real_number("delay", self.delay, "s")
         if not abs(delay) <= LONGEST:
             msg = (
-                f"the delay of the gyroscope's rows is {1e3 * delay:g} ms; it must be "
-                f"within {1e3 * LONGEST:g} ms, and is that against the accelerometer"
+                "the delay of the gyroscope against the accelerometer is "
+                f"{1000.0 * delay:g} ms; it must be within {1000.0 * LONGEST:g} ms"
             )
             raise InputError(msg)
         object.__setattr__(self, "delay", delay)

@@ -19,6 +19,7 @@ from simval.imu.logs.columns import Column
 from simval.imu.logs.names import DEGREES
 from simval.imu.logs.text import Table
 from simval.shapes import Float
+from simval.spelling import counted
 
 COLDEST, WARMEST = -90.0, 200.0
 """Degrees Celsius at which an inertial sensor is read, with a margin of 35 and more."""
@@ -52,13 +53,16 @@ def read_temperature(
     hole = int(np.diff(there, prepend=-1, append=len(rows)).max()) - 1
     if hole > HOLE * len(rows):
         msg = (
-            f"{table.path}: {hole} rows of {len(rows)}, one behind another, have no "
-            f"temperature, and at most {HOLE:.0%} can be interpolated; leave the "
-            "column out (--columns, with - for it), or repair them"
+            f"{table.path}: {hole} consecutive rows of {len(rows)} have no "
+            f"temperature, and at most {HOLE:.0%} can be interpolated; leave "
+            "the column out (--columns, with - for it), or repair them"
         )
         raise InputError(msg)
     lost = len(rows) - len(there)
-    words = f"the temperature of {lost} row(s), at most {hole} at once, is interpolated"
+    words = (
+        f"the temperature of {counted(lost, 'row')}, at most {hole} at "
+        "once, is interpolated"
+    )
     mended = (("mended", words),) if lost else ()
     values = np.interp(rows, there, values[there])
     scale = scale_of(column.unit or "degc")
@@ -71,8 +75,9 @@ def read_temperature(
     if not (degrees.min() > COLDEST and degrees.max() < WARMEST):
         unit = column.unit or "an unstated unit (taken as degC)"
         msg = (
-            f"{what} in {unit}, and a sensor is read between {COLDEST:g} and "
-            f"{WARMEST:g} degC; name the column with its unit in --columns: {FORMS}"
+            f"{what} in {unit}, but sensors are used between {COLDEST:g} and "
+            f"{WARMEST:g} degC; name the column with its unit in --columns: "
+            f"{FORMS}"
         )
         raise InputError(msg)
     return np.asarray(degrees), mended

@@ -505,8 +505,8 @@ def read(source: Source) -> TextTable:
     if longest > MOST_LINE:
         number = 1 + list(map(len, texts)).index(longest)
         msg = (
-            f"{path}, line {number}: {longest:,} characters; a row of a log has "
-            f"at most {MOST_LINE:,}, so export it as rows"
+            f"{path}, line {number} has {longest:,} characters; a row of a log "
+            f"has at most {MOST_LINE:,}, so export the log as rows"
         )
         raise InputError(msg)
     _require_no_yaml(path, lines)
@@ -762,8 +762,8 @@ def _require_width(body: _Body, above: list[Line]) -> None:
             broken.append((number, count))
     for number, count in broken:
         msg = (
-            f"{body.path}, line {number}: {count} columns, but the rows from line "
-            f"{first} on have {dialect.most}; every row must have the same columns, "
-            "so repair or remove that line, or mark it as a remark (#)"
+            f"{body.path}, line {number} has {count} columns, but the rows from "
+            f"line {first} on have {dialect.most}; repair or remove that line, "
+            "or mark it as a comment (#)"
         )
         raise InputError(msg)

@@ -229,10 +229,10 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
     have = f"it has {listed}" if groups else "it names no four columns of a quaternion"
     asked = f"the quaternion {stem!r}" if stem else "one quaternion"
     msg = (
-        f"{table.path}: {asked} is wanted as the truth, and {have}; name one by the "
-        "common part of its columns (--truth NAME), or say what each column is "
-        "(--truth-columns t,-,-,-,qx,qy,qz,qs; q0,q1,q2,q3 where it is not known which "
-        "is the scalar part)"
+        f"{table.path}: you asked for {asked} as the truth, but {have}; "
+        "name a truth by the common part of its columns (--truth NAME), or "
+        "say what each column is (--truth-columns t,-,-,-,qx,qy,qz,qs; "
+        "q0,q1,q2,q3 if you do not know which is the scalar part)"
     )
     raise InputError(msg)
 

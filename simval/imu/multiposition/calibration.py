@@ -271,7 +271,7 @@ def calibrate_log(
                 log.accelerometer, log.time, intervals, warm.rests, warm.thermal
             )
             warm = warm._replace(within=within)
-        case = case_of(log, g, rest, intervals, pose, fit, numbers)
+        case = case_of(log, rest, intervals, pose, fit, numbers)
         diagnosis = diagnose(
             fit, poses, std, time=case.middle, further=further,
             judgement=case.judgement,
@@ -301,7 +301,7 @@ def calibrate_log(
             taken=NOTHING._replace(thermal=_terms(accelerometer=warm.thermal)),
         )
     except RefusedError as error:
-        raise explained(log, g, rest, error) from error
+        raise explained(log, rest, error) from error
     require_sound(case)
     return result
 
@@ -454,7 +454,11 @@ def calibrate_sensors(
     whole, refusal = _all(parts, shifts)
     one = imu if whole is None else whole
     taken = NOTHING if imu is None else imu.recording.taken
-    reasons = () if one is None else (*taken.reasons, *one.noise.sentences, *refusal)
+    reasons = (
+        ()
+        if one is None
+        else (*taken.reasons, *filter(None, [one.noise.words]), *refusal)
+    )
     other = compass if whole is None else whole
     return replace(
         result,
@@ -490,7 +494,7 @@ def _wanted(log: Log, asked: Sequence[str] | None) -> Iterator[tuple[str, Array]
         elif asked is not None and name in asked:
             letter = name[0].replace("g", "w")
             msg = (
-                f"{log.path} has no {name}, which is asked for; name its columns: "
+                f"{log.path} has no {name}, but you asked for it; name its columns: "
                 f"--columns with {letter}x, {letter}y and {letter}z"
             )
             raise InputError(msg)
@@ -533,9 +537,9 @@ def _gyroscope(
     # together with the accelerometer
     if result.turns:
         msg = (
-            f"it turns in {len(result.cuts)} of the {len(result.intervals)} rests of "
-            f"the accelerometer, and {PARAMETERS} in which both are still are needed; "
-            "record more rests in which nothing turns"
+            f"it turns in {len(result.cuts)} of the {len(result.intervals)} "
+            f"rests of the accelerometer, and {PARAMETERS} rests in which both "
+            "are still are needed; record more rests in which nothing turns"
         )
         raise RefusedError(msg)
     scheme: Scheme = "cubic" if log.gyro_rows.kind == "instant" else "averages"

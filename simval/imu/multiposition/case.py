@@ -38,7 +38,6 @@ class JudgedRests(NamedTuple):
     """The rests of a log, with the fit to them if there is one."""
 
     log: Log
-    g: float
     rest: float | None  # length of the initial rest as it was given, s
     intervals: Intervals  # samples start <= k < stop of each rest
     means: Float[Array, "m 3"]  # mean reading of each, raw units
@@ -61,8 +60,7 @@ class JudgedRests(NamedTuple):
 
     def rows(self, start: int, stop: int) -> str:
         """Say when rows were."""
-        time = self.log.time
-        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
+        return f"from {self.log.span((start, stop))}"
 
     def span(self, rest: int) -> str:
         """Say when a rest was."""
@@ -129,16 +127,16 @@ def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
         inside = every == each if is_number else (first <= each) & (each <= last)
         if not inside.any() and is_number:
             msg = (
-                f"there is no rest {each}, which is to be left out; they are numbered "
-                f"from 0 to {len(rests) - 1}; write a time in seconds with a point"
+                f"there is no rest {each} to leave out; rests are numbered from 0 "
+                f"to {len(rests) - 1}, and a time in seconds is written with a point"
             )
             raise InputError(msg)
         if not inside.any():
             k = int(np.argmin(np.maximum(first - each, each - last)))
             msg = (
-                f"no rest was found at {each:g} s, which is to be left out; the "
-                f"nearest, rest {k}, is from {first[k]:.2f} s to {last[k]:.2f} s; give "
-                "its number or a time within it"
+                f"there is no rest at {each:g} s to leave out; the nearest, rest "
+                f"{k}, is from {first[k]:.2f} s to {last[k]:.2f} s; give its number "
+                "or a time within it"
             )
             raise InputError(msg)
         left |= inside
@@ -147,7 +145,6 @@ def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
 
 def case_of(
     log: Log,
-    g: float,
     rest: float | None,
     intervals: Intervals,
     noise: PoseNoise | None = None,
@@ -170,7 +167,6 @@ def case_of(
         judgement = judge(means, [wrapped(means, own, lap)] if own.any() else [])
     return JudgedRests(
         log=log,
-        g=g,
         rest=rest,
         intervals=intervals,
         means=interval_means(samples, intervals),

@@ -405,7 +405,7 @@ def _values(whole: Any) -> Iterator[Values]:
     yield accelerometer_values(fit, bound_sd(whole))
     sizes = {"accelerometer": (fit.g / fit.raw_per_g, "m/s²")}
     if own is not None:
-        facts = noise_facts(own.noise)[len(own.noise.sentences) :]
+        facts = noise_facts(own.noise)[bool(own.noise.words) :]
         chosen = (Fact("chosen", each) for each in whole.taken.reasons)
         G = whole.taken.G, whole.taken.G_sd
         yield gyroscope_values(own, *G, (*facts, *chosen))
@@ -424,9 +424,7 @@ def _values(whole: Any) -> Iterator[Values]:
     if own is not None:
         yield correlations("gyroscope", own.names, own.own_covariance)
     if compass is not None:
-        first = len(compass.names) - len(OWN_NAMES)
-        P = compass.covariance[first:, first:]
-        yield correlations("magnetometer", OWN_NAMES, P)
+        yield correlations("magnetometer", OWN_NAMES, compass.own_covariance)
 
 
 def _acting(name: str, found: Term, size: Array, unit: str) -> Values:
@@ -538,7 +536,6 @@ def as_object(whole: Any) -> dict[str, Any]:
         "pose_noise": whole.pose_noise.source,
         "pose_noise_std": whole.pose_noise.std.tolist(),
         "pose_noise_white_std": whole.pose_noise.white.tolist(),
-        "verdict": diagnosis.verdict,
         "least_determined": diagnosis.least_determined.sentence,
         "outliers": list(diagnosis.outliers),
         "next_direction": whole.next_direction.tolist(),
@@ -593,11 +590,11 @@ def _terms_object(whole: Any, over: Course) -> dict[str, Any]:
 
 def _magnetometer_object(fit: MagnetometerFit) -> dict[str, Any]:
     # without the accelerometer, which the file states once
-    document, first = fit.as_document(), len(fit.names) - len(OWN_NAMES)
+    document = fit.as_document()
     return document | {
         "parameters": {name: document["parameters"][name] for name in OWN_NAMES},
         "names": list(OWN_NAMES),
-        "covariance": fit.covariance[first:, first:].tolist(),
+        "covariance": fit.own_covariance.tolist(),
     }
 
 

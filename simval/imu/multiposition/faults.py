@@ -72,13 +72,11 @@ def require_sound(case: JudgedRests) -> None:
         raise _refusal(case, words)
 
 
-def explained(
-    log: Log, g: float, rest: float | None, refusal: RefusedError
-) -> Exception:
+def explained(log: Log, rest: float | None, refusal: RefusedError) -> Exception:
     """Return the refusal, or one that names the fault behind it."""
     intervals = _rests(log, rest)
     noise = pose_noise(log, intervals) if len(intervals) else None
-    case = case_of(log, g, rest, intervals, noise)
+    case = case_of(log, rest, intervals, noise)
     causes: Checks = CAUSES if len(case.means) else CAUSES_WITHOUT_RESTS
     if len(case.means) and isinstance(refusal, SaturatedError):
         causes = CAUSES_OF_SATURATION  # what it has spoilt is no fault by itself

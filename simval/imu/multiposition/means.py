@@ -93,7 +93,7 @@ class MeansCalibration(Told):
         """Return it as one JSON object; of an accelerometer a calibration file."""
         said = {
             "sensor": self.sensor, "rows": self.rows.tolist(),
-            "pose_noise": "residuals", "verdict": self.diagnosis.verdict,
+            "pose_noise": "residuals",
             "left_out": list(self.left_out),
             "outliers": self.rows[[*self.diagnosis.outliers]].tolist(),
         }  # fmt: skip
@@ -130,8 +130,8 @@ def calibrate_means(
     wrong = [x for x in leave_out if x not in range(len(samples))]
     if wrong:
         msg = (
-            f"there is no row {wrong[0]:g}, which is to be left out; the rows of means "
-            f"are numbered from 0 to {len(samples) - 1}"
+            f"there is no row {wrong[0]:g} to leave out; the rows of means are "
+            f"numbered from 0 to {len(samples) - 1}"
         )
         raise InputError(msg)
     rows = np.setdiff1d(np.arange(len(samples)), np.array(leave_out, dtype=int))

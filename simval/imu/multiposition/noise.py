@@ -159,10 +159,7 @@ def _still(log: Log, rest: float | None) -> tuple[int, int, str, Intervals]:
     if start <= edge and rows - stop <= edge:
         return 0, rows, "the whole log, which is at rest", intervals
     rests = counted(len(intervals), "rest")
-    how = (
-        f"the longest of {rests}, from {log.time[start]:.2f} s to "
-        f"{log.time[stop - 1]:.2f} s"
-    )
+    how = f"the longest of {rests}, from {log.span((start, stop))}"
     return start, stop, how, intervals
 
 
@@ -185,11 +182,12 @@ def require_even(log: Log, start: int, stop: int) -> None:
     share = float(np.sum(late - 1.0)) / max(len(steps), 1)
     if not share <= MISSING:
         msg = (
-            f"{log.path}: between {log.time[start]:.2f} s and {log.time[stop - 1]:.2f} "
-            f"s {100.0 * share:.2g} % of the rows are missing (steps of {median:.4g} s "
-            f"and up to {steps.max():.4g} s), at most {100.0 * MISSING:g} % may be: "
-            "averages over rows would not be averages over time; read a part without "
-            "losses (--from, --until), or if rows only were stamped late, mark the "
+            f"{log.path}: between {log.time[start]:.2f} s and "
+            f"{log.time[stop - 1]:.2f} s {100.0 * share:.2g} % of the rows are "
+            f"missing (steps of {median:.4g} s and up to {steps.max():.4g} s); "
+            f"at most {100.0 * MISSING:g} % may be, because averages over rows "
+            "would not be averages over time. Read a part without losses "
+            "(--from, --until), or if rows were only stamped late, mark the "
             "clock - (--columns) and state the rate (--rate HZ)"
         )
         raise RefusedError(msg)
@@ -404,9 +402,9 @@ def _require_this_unit(
     if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
         what = "reading of the magnetometer" if compass else "row"
         msg = (
-            f"a {what} of {log.path} has a noise of {here:.3g} in its unit at rest, "
-            f"and the noise file one of {there:.3g}: it is of another sensor, range or "
-            "unit; measure the noise in the unit of the log"
+            f"the {what} of {log.path} has a noise of {here:.3g} in its unit at "
+            f"rest, but the noise file says {there:.3g}: it is of another "
+            "sensor, range or unit; measure the noise in the unit of the log"
         )
         raise InputError(msg)
 
@@ -464,27 +462,28 @@ def planned_noise(
     """
     known = load_noise(path)
     if hold is None:
-        msg = "the time that is averaged in a pose is not known; give `--hold`"
+        msg = "how long is each pose averaged? Give `--hold`"
         raise InputError(msg)
     hold = positive_number("hold", hold, "s")
     longest = FARTHEST * float(known.accelerometer[0].seconds[-1])
     if hold > longest:
         msg = (
-            f"{path} has averages over {longest / FARTHEST:.3g} s at most, which says "
-            f"enough for holds of {longest:.3g} s, and `--hold` is {hold:.3g} s; "
-            f"measure the noise in a rest of {SHOWS * hold:.3g} s or longer"
+            f"{path} has averages over {longest / FARTHEST:.3g} s at most, "
+            f"which is enough for holds of {longest:.3g} s, but `--hold` is "
+            f"{hold:.3g} s; measure the noise in a rest of {SHOWS * hold:.3g} s "
+            "or longer"
         )
         raise RefusedError(msg)
     std = float(mean_noise(known.accelerometer, np.array([hold]))[0])
     if sensor is None:
         if known.si_per_raw is None:
-            msg = f"{path} does not know m/s^2 in its unit; give `--sensor` too"
+            msg = f"{path} does not say what its unit is in m/s^2; give `--sensor` too"
             raise InputError(msg)
         return std * known.si_per_raw
     scale = float(np.mean(np.diagonal(sensor.matrix)))
     if known.si_per_raw is not None and not 0.5 < scale / known.si_per_raw < 2.0:
         msg = (
-            f"the sensor has {scale:.4g} m/s^2 in one raw unit, and {path} "
+            f"by the sensor one raw unit is {scale:.4g} m/s^2, but {path} says "
             f"{known.si_per_raw:.4g}; give both in the same unit"
         )
         raise InputError(msg)

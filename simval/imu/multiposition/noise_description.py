@@ -101,7 +101,6 @@ def si_unit(sensor: str, kind: str) -> str:
     return LETTERS[kind].raw_unit.replace("raw", next(iter(OF_A_LOG[sensor])))
 
 
-Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
 KALIBR = {
     ("accelerometer", "N"): "accelerometer_noise_density",
     ("accelerometer", "K"): "accelerometer_random_walk",
@@ -110,58 +109,18 @@ KALIBR = {
 }
 
 
-def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
-    """Return the noise of a log as one JSON object."""
-    kalibr = list(_kalibr(sensors))
-    listed: dict[str, Any] = {
-        name: {
-            "si_unit": next(iter(OF_A_LOG[name])),
-            "si_per_raw": scale.si_per_raw,
-            "unit": scale.how,
-            "axes": {
-                axis: axis_to_json(each) for axis, each in zip(AXES, axes, strict=True)
-            },
-        }
-        for name, (axes, scale) in sensors.items()
-    }
-    if "accelerometer" in listed:
-        gravity = float(np.linalg.norm(found.means[0]))
-        listed["accelerometer"]["gravity_raw"] = gravity
-    return {
-        "format": FORMAT,
-        **log_object(log),
-        "rest": {
-            "start": found.start,
-            "stop": found.stop,
-            "seconds": found.seconds,
-            "how": found.how,
-        },
-        "sensors": listed,
-        "units": {name: scale.as_object() for name, (_, scale) in sensors.items()},
-        "left_out": dict(found.left_out),
-        "kalibr": {name: x.value for name, x in kalibr if x.value is not None}
-        | {"update_rate": log.rate},
-        "kalibr_bounds": {name: x.bound for name, x in kalibr if x.bound is not None},
-        "kalibr_horizons_s": {name: x.horizon for name, x in kalibr if x.horizon},
-    }
-
-
-def _kalibr(sensors: Sensors) -> Iterator[tuple[str, Largest]]:
-    # one number for the three axes
-    for (name, kind), title in KALIBR.items():
-        axes, scale = sensors.get(name, ((), None))
-        if scale is not None and scale.si_per_raw is not None:
-            size = np.full(len(axes), scale.si_per_raw)
-            yield title, largest(axes, kind, size)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorNoise:
     """Noise of one sensor of a log."""
 
     name: str  # accelerometer, gyro or magnetometer
     axes: Sequence[AxisNoise]  # in raw units
-    si_per_raw: float | None  # None where the unit of the log is not known
+    scale: Scale  # unit of these
+
+    @property
+    def si_per_raw(self) -> float | None:
+        """SI units in one raw unit; None where that is not known."""
+        return self.scale.si_per_raw
 
     @property
     def title(self) -> str:
@@ -193,13 +152,20 @@ class SensorNoise:
         return [c for axis in self.axes for c in axis.coefficients if c.kind == kind]
 
     @property
+    def kinds(self) -> dict[str, list[Coefficient | None]]:
+        """Its coefficients by kind, one of each axis."""
+        return {
+            kind: [_of_kind(kind, axis.coefficients) for axis in self.axes]
+            for kind in LETTERS
+            if self.of(kind)
+        }
+
+    @property
     def values(self) -> Values:
         """Its coefficients, a row for each kind, and what its readings show beside."""
-        given = {kind: [_of_kind(kind, a.coefficients) for a in self.axes]
-                 for kind in LETTERS if self.of(kind)}  # fmt: skip
         lines = [
             self._line(f"{LETTERS[kind].words} {kind}", kind, own)
-            for kind, own in given.items()
+            for kind, own in self.kinds.items()
         ]
         if any(axis.slow and not axis.slow.is_walk for axis in self.axes):
             own = [_of_kind("K", axis.given) for axis in self.axes]
@@ -215,7 +181,7 @@ class SensorNoise:
                 Fact(", ".join(letters), words, notable=True)
                 for words, letters in said.items()
             ]
-            + [Fact(letter, words) for letter, words in _fits(self.axes)],
+            + [Fact(letter, words) for letter, words in _fits(self)],
         )
 
     def _line(
@@ -233,21 +199,65 @@ class SensorNoise:
         return Line(label, unit.name, cells, factor=unit.factor)
 
 
-def noisy(sensors: Sensors) -> list[SensorNoise]:
+def noisy(found: LogNoise, units: Mapping[str, Scale]) -> list[SensorNoise]:
     """The noise of each sensor with its unit."""
     return [
-        SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
-        for name, (axes, scale) in sensors.items()
+        SensorNoise(name=name, axes=axes, scale=scale)
+        for name, scale in units.items()
+        if (axes := getattr(found, name))
     ]
 
 
-def noise_account(found: LogNoise, sensors: Sensors) -> Account:
+def as_object(
+    log: Log, found: LogNoise, sensors: Sequence[SensorNoise]
+) -> dict[str, Any]:
+    """Return the noise of a log as one JSON object."""
+    kalibr = list(_kalibr(sensors))
+    listed: dict[str, Any] = {
+        each.name: {
+            "si_unit": next(iter(OF_A_LOG[each.name])),
+            "si_per_raw": each.si_per_raw,
+            "unit": each.scale.how,
+            "axes": {letter: axis_to_json(axis) for letter, axis in each.lettered},
+        }
+        for each in sensors
+    }
+    if "accelerometer" in listed:
+        gravity = float(np.linalg.norm(found.means[0]))
+        listed["accelerometer"]["gravity_raw"] = gravity
+    return {
+        "format": FORMAT,
+        **log_object(log),
+        "rest": {
+            "start": found.start,
+            "stop": found.stop,
+            "seconds": found.seconds,
+            "how": found.how,
+        },
+        "sensors": listed,
+        "units": {each.name: each.scale.as_object() for each in sensors},
+        "left_out": dict(found.left_out),
+        "kalibr": {name: x.value for name, x in kalibr if x.value is not None}
+        | {"update_rate": log.rate},
+        "kalibr_bounds": {name: x.bound for name, x in kalibr if x.bound is not None},
+        "kalibr_horizons_s": {name: x.horizon for name, x in kalibr if x.horizon},
+    }
+
+
+def _kalibr(sensors: Sequence[SensorNoise]) -> Iterator[tuple[str, Largest]]:
+    # one number for the three axes
+    known = {each.name: each for each in sensors if each.si_per_raw is not None}
+    for (name, kind), title in KALIBR.items():
+        if own := known.get(name):
+            yield title, largest(own.axes, kind, np.full(3, own.si_per_raw))
+
+
+def noise_account(found: LogNoise, sensors: Sequence[SensorNoise]) -> Account:
     """State the noise of a log: how much, whether the model fits, what next."""
-    each = noisy(sensors)
     tables = [
         Note(words=words, matrix="\n".join(rows))
-        for name, (axes, scale) in sensors.items()
-        for words, *rows in _tables(name, axes, scale)
+        for each in sensors
+        for words, *rows in _tables(each)
     ]
     kalibr = _kalibr_lines(sensors)
     if kalibr:
@@ -258,18 +268,17 @@ def noise_account(found: LogNoise, sensors: Sensors) -> Account:
         source="a log",
         said=f"{found.how}, {duration(found.seconds)}",
         replies=(
-            _how_noisy(each, found.seconds),
-            _fitting(each),
-            _next(each, found.left_out),
+            _how_noisy(sensors, found.seconds),
+            _fitting(sensors),
+            _next(sensors, found.left_out),
         ),
-        values=[x.values for x in each],
+        values=[each.values for each in sensors],
         notes=tables,
         facts=[
-            *unit_facts(unit for _, unit in sensors.values()),
-            *(Fact("raw unit", f"{name}: {unit.how}")
-              for name, (_, unit) in sensors.items()),
+            *unit_facts(each.scale for each in sensors),
+            *(Fact("raw unit", f"{each.name}: {each.scale.how}") for each in sensors),
         ],
-    )  # fmt: skip
+    )
 
 
 def varies(axis: AxisNoise) -> bool:
@@ -398,19 +407,16 @@ def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, str]) -> Reply:
     )
 
 
-def _tables(
-    name: str, axes: tuple[AxisNoise, ...], scale: Scale
-) -> Iterator[list[str]]:
+def _tables(sensor: SensorNoise) -> Iterator[list[str]]:
     # of each kind every number in SI units, with those of data sheets and Kalibr
-    kinds = {c.kind for axis in axes for c in axis.coefficients}
-    for kind in (each for each in LETTERS if each in kinds):
-        own = [_of_kind(kind, axis.coefficients) for axis in axes]
-        yield _table(name, LETTERS[kind].words, kind, axes, own, scale.si_per_raw)
-    horizons = [a.slow.horizon for a in axes if a.slow and not a.slow.is_walk]
+    for kind, own in sensor.kinds.items():
+        yield _table(sensor, LETTERS[kind].words, kind, own)
+    slow = [axis.slow for axis in sensor.axes if axis.slow]
+    horizons = [each.horizon for each in slow if not each.is_walk]
     if horizons:
         words = f"random walk equivalent over up to {max(horizons):.3g} s,"
-        own = [_of_kind("K", axis.given) for axis in axes]
-        yield _table(name, words, "K", axes, own, scale.si_per_raw)
+        own = [_of_kind("K", axis.given) for axis in sensor.axes]
+        yield _table(sensor, words, "K", own)
 
 
 def _of_kind(kind: str, coefficients: tuple[Coefficient, ...]) -> Coefficient | None:
@@ -418,14 +424,10 @@ def _of_kind(kind: str, coefficients: tuple[Coefficient, ...]) -> Coefficient | 
 
 
 def _table(
-    name: str,
-    words: str,
-    kind: str,
-    axes: tuple[AxisNoise, ...],
-    coefficients: list[Coefficient | None],
-    si: float | None,
+    sensor: SensorNoise, words: str, kind: str, coefficients: list[Coefficient | None]
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
+    name, si = sensor.name, sensor.si_per_raw
     unit = LETTERS[kind].raw_unit if si is None else si_unit(name, kind)
     walk = "K" if kind == "q" else kind
     further = FURTHER.get((name, walk), ()) if si is not None else ()
@@ -433,7 +435,7 @@ def _table(
     rows: list[tuple[str, ...]] = [
         ("", "value", "sd", " 95 % interval", *(each.title for each in further))
     ]
-    for letter, axis, found in zip(AXES, axes, coefficients, strict=True):
+    for (letter, axis), found in zip(sensor.lettered, coefficients, strict=True):
         if found is None:
             rows.append((letter, "-" if axis.coefficients else "no model"))
             continue
@@ -454,9 +456,9 @@ def _table(
     return [f"{name}, {words} {kind}, {unit}", *columns(rows, *widths)]
 
 
-def _fits(axes: Sequence[AxisNoise]) -> Iterator[tuple[str, str]]:
+def _fits(sensor: SensorNoise) -> Iterator[tuple[str, str]]:
     # over which averages the model of each axis holds, and what rounding makes
-    for letter, axis in zip(AXES, axes, strict=True):
+    for letter, axis in sensor.lettered:
         if axis.coefficients:
             times = axis.seconds[slice(*axis.used)]
             ratio = f"chi-square per degree of freedom {axis.chi2 / axis.dof:.3g}"
@@ -470,7 +472,7 @@ def _fits(axes: Sequence[AxisNoise]) -> Iterator[tuple[str, str]]:
             yield letter, f"{words}variance of a row"
 
 
-def _kalibr_lines(sensors: Sensors) -> list[str]:
+def _kalibr_lines(sensors: Sequence[SensorNoise]) -> list[str]:
     lines = []
     for title, found in _kalibr(sensors):
         name = f"  {title + ':':30s}"
@@ -484,5 +486,5 @@ def _kalibr_lines(sensors: Sensors) -> list[str]:
             lines.append(f"# {name[2:]}not seen, below {found.bound:.4g}")
     if not lines:
         return []
-    rate = next(iter(sensors.values()))[0][0].rate_hz
+    rate = sensors[0].axes[0].rate_hz
     return [*lines, f"  {'update_rate:':30s}{rate:.6g}"]

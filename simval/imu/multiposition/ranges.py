@@ -52,12 +52,11 @@ def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> 
             stuck |= np.array([(part >= limit).any(axis=0) for part in parts])
         if stuck.any():
             pose, axis = (int(k) for k in np.argwhere(stuck)[0])
-            start, stop = intervals[pose]
             msg = (
                 f"{log.path}: axis {AXES[axis]} is saturated at {sign * top[axis]:g} "
-                f"in the rest from {log.time[start]:.2f} s to "
-                f"{log.time[stop - 1]:.2f} s; a reading at the rail says nothing about "
-                "the force: cut that rest out, or record with a wider range"
+                f"in the rest from {log.span(intervals[pose])}; a reading at the "
+                "rail says nothing about the force: cut that rest out, or record with "
+                "a wider range"
             )
             raise SaturatedError(msg)
 
@@ -97,10 +96,10 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
             start, length = rail(sign * column, least)
             if length:
                 msg = (
-                    f"{log.path}: axis {axis} of the {name} stays at "
-                    f"{column[start]:g} for {length} rows from {log.time[start]:.2f} "
-                    "s: that is the end of its range, and what lies beyond is not "
-                    "known; turn more slowly, or widen the range"
+                    f"{log.path}: axis {axis} of the {name} stays at {column[start]:g} "
+                    f"for {length} rows from {log.time[start]:.2f} s, the end of its "
+                    "range, so the rate beyond it is unknown; turn more slowly, or set "
+                    "a wider range"
                 )
                 raise SaturatedError(msg)
 
@@ -131,7 +130,7 @@ def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
     if not ratio < SAME_UNIT:
         low, high = AXES[int(scales.argmin())], AXES[int(scales.argmax())]
         msg = (
-            f"{log.path}: a unit of axis {high} of the {name} is {ratio:.3g} times one "
-            f"of axis {low}; write all three axes in the same unit"
+            f"{log.path}: axis {high} of the {name} counts in units {ratio:.3g} "
+            f"times those of axis {low}; write all three axes in the same unit"
         )
         raise RefusedError(msg)

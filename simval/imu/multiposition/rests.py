@@ -146,28 +146,23 @@ def _level(
 
 
 def _step_words(log: Log, step: Step) -> str:
-    def span(rows: tuple[int, int]) -> str:
-        return f"{log.time[rows[0]]:.2f} s to {log.time[rows[1] - 1]:.2f} s"
-
-    kept = " and ".join(map(span, step.levels))
+    kept = " and ".join(map(log.span, step.levels))
     verb = "are" if len(step.levels) > 1 else "is"
     return (
-        f"rest from {span(step.rest)} {'cut' if kept else 'left out'}: its readings "
-        f"shift as by a tilt of {np.degrees(step.angle):.2g} degrees; "
+        f"rest from {log.span(step.rest)} {'cut' if kept else 'left out'}: its "
+        f"readings shift as by a tilt of {np.degrees(step.angle):.2g} degrees; "
         f"{f'{kept} {verb} kept' if kept else 'no level in it lasts long enough'}"
     )
 
 
 def _cut_words(log: Log, cut: Cut, *, used: bool) -> str:
-    first, last = log.time[cut.rest[0]], log.time[cut.rest[1] - 1]
     still, done = "too little of it is still", "left out" if used else "kept whole"
     if cut.kept is not None:
-        first_kept, last_kept = log.time[cut.kept[0]], log.time[cut.kept[1] - 1]
-        still = f"{first_kept:.2f} s to {last_kept:.2f} s is still"
+        still = f"{log.span(cut.kept)} is still"
         done = "cut" if used else done
     return (
-        f"rest from {first:.2f} s to {last:.2f} s {done}: the gyroscope turns in it, "
-        f"up to {cut.rate:.3g} raw units off its bias where chance leaves "
+        f"rest from {log.span(cut.rest)} {done}: the gyroscope turns in it, up "
+        f"to {cut.rate:.3g} raw units off its bias where chance leaves "
         f"{cut.chance:.2g}; {still}{'' if used else ', but too few rests would be'}"
     )
 
@@ -186,8 +181,8 @@ def _require_noise(log: Log, rest: Rest, wander: float, limit: float) -> None:
     if not wander <= limit:
         msg = (
             f"no initial rest found: the quietest part of the log, from "
-            f"{log.time[rest.start]:.2f} s to {log.time[rest.stop - 1]:.2f} s, still "
-            f"moves: its variance is {wander:.3g} times what it is from row to row, "
+            f"{log.span((rest.start, rest.stop))}, still moves: its variance "
+            f"is {wander:.3g} times what it is from row to row, "
             f"and a sensor at rest shows at most {limit:.3g}; record with rests, or "
             "state the initial one (--rest SECONDS)"
         )

@@ -527,10 +527,11 @@ def own_readings(rows: Float[Array, "n axes"]) -> OwnReadings:
     if not (regular.mean() >= _SHARE and again <= most):
         share = 100.0 * (1.0 - changed.any(axis=1).mean())
         msg = (
-            f"{share:.2g} % of its rows repeat the one before, at no regular step: it "
-            "is slower than the log, or interpolated, or stands still at times, or its "
-            "steps are far above its noise, which cannot be told then; log it at its "
-            "own rate, and with a finer resolution"
+            f"{share:.2g} % of its rows repeat the one before, at no regular "
+            "step: the sensor is slower than the log, or interpolated, or "
+            "stands still at times, or its steps are far above its noise, "
+            "which then cannot be measured; log it at its own rate, and with a "
+            "finer resolution"
         )
         raise RefusedError(msg)
     own = np.append(np.repeat(places[:-1], count), places[-1])
@@ -554,7 +555,7 @@ def noise_of_readings(
     except RefusedError as error:
         if own.each == 1.0:
             raise
-        msg = f"each of its readings stands in {own.each:.3g} rows, and {error}"
+        msg = f"each of its readings is repeated in {own.each:.3g} rows, and {error}"
         raise RefusedError(msg) from None
     if own.each == 1.0:
         return axes

@@ -201,8 +201,8 @@ class AxisNoise:
         if not times[0] * (1.0 - near) <= seconds <= times[-1] * (1.0 + near):
             msg = (
                 f"the noise was measured for averages over {times[0]:.3g} s to "
-                f"{times[-1]:.3g} s, and {seconds:.3g} s is asked for; a rest of "
-                f"{10.0 * seconds:.3g} s shows that"
+                f"{times[-1]:.3g} s, but {seconds:.3g} s is asked for; measure a "
+                f"rest of {10.0 * seconds:.3g} s"
             )
             raise RefusedError(msg)
         if not np.all(self.variances > 0.0):

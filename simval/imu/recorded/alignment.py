@@ -266,8 +266,9 @@ def _derivatives(
 def _require_motion(x: Float[Array, "m 3"]) -> None:
     if len(x) < LEAST_STRETCHES:
         msg = (
-            f"truth and gyroscope share {len(x) * STRETCH:.1f} s, and "
-            f"{LEAST_STRETCHES * STRETCH:g} s are needed; give the truth of this log"
+            f"truth and gyroscope overlap for {len(x) * STRETCH:.1f} s, and "
+            f"{LEAST_STRETCHES * STRETCH:g} s are needed; give the truth of "
+            "this log"
         )
         raise RefusedError(msg)
     off = x - x.mean(axis=0)
@@ -586,10 +587,10 @@ def _with_axes(
             for each, off in zip(near, apart, strict=True)
         )
         msg = (
-            "the sensor's axes are stated (--truth-axes), and the readings of the "
-            f"truth that follow the gyroscope are off from these by {words}, where "
-            f"{np.degrees(MOUNTED):.0f} are allowed; look at the axes, or leave the "
-            "option out"
+            "by --truth-axes the sensor's axes are known, but the readings of "
+            "the truth that follow the gyroscope are off from these by "
+            f"{words}, where {np.degrees(MOUNTED):.0f} are allowed; check the "
+            "axes, or leave the option out"
         )
         raise RefusedError(msg)
     far = [each for each in tried if each not in near]

@@ -12,7 +12,7 @@ reading of the project's is of:
    \text{ahrs:}\quad N^2 f,\ (R/v)^2; \tag{TO3} \\
    \text{filterpy:}\quad & Q = \begin{bmatrix} N^2 h + K^2 h^3/3 & -K^2 h^2/2 \\
      \cdot & K^2 h \end{bmatrix} \otimes I,\ R^2; \tag{TO4} \\
-   \text{vqf:}\quad & \tau = \frac{R}{v N \sqrt f},\ (0.1°/\mathrm{s})^2/K^2; \qquad
+   \text{vqf:}\quad & \tau = \frac{R}{v N \sqrt f},\ (0.1^\circ/\mathrm{s})^2/K^2; \quad
    \text{imufusion:}\quad \text{gain} = 1/\tau. \tag{TO5}
 
 Projects that add the variance :math:`(h p)^2` to an angle or a bias in each step h need

@@ -144,7 +144,10 @@ def steps(
         kept = run.output.kept
         there = rows[kept] & np.isfinite(truth[kept]).all(axis=1)
         if not there.any():
-            msg = "no row that `movement` marks has a recorded attitude"
+            msg = (
+                "no row that `movement` marks has a recorded attitude; check both "
+                "columns"
+            )
             raise RefusedError(msg)
         at = kept[there]
         errors = errors_of(

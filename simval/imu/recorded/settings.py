@@ -170,8 +170,9 @@ def _require_gyroscope(log: Log) -> None:
     if log.gyro is None:
         why = "; ".join(map(str, log.unclear))
         msg = (
-            f"{log.path} has no gyroscope ({why or 'no column is named as one'}), and "
-            "a filter is given one; name its columns (--columns)"
+            f"{log.path} has no gyroscope "
+            f"({why or 'no column is named as one'}), and a filter needs one; "
+            "name its columns (--columns)"
         )
         raise InputError(msg)
 
@@ -249,8 +250,8 @@ def without_turns(found: Signals) -> Signals:
         )
     if not kept:
         msg = (
-            "the log has no rest: where the accelerometer is still the gyroscope "
-            f"turns, {cuts[0].words}; record a rest of some seconds"
+            "the log has no rest: while the accelerometer is still the "
+            f"gyroscope turns, {cuts[0].words}; record a rest of some seconds"
         )
         raise RefusedError(msg)
     return replace(found, rests=np.array(kept, dtype=np.intp), cuts=tuple(cuts))
@@ -277,16 +278,17 @@ def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
         if found.gyro_unit:
             return found
         msg = (
-            "the unit of the gyroscope is not stated, and there is no truth to tell; "
-            "give --gyro-unit rad/s or deg/s, or --calibration"
+            "the unit of the gyroscope is not stated, and without a truth it "
+            "cannot be found; give --gyro-unit rad/s or deg/s, or --calibration"
         )
         raise InputError(msg)
     if found.gyro_unit:
         if abs(raw_per_si - 1.0) <= NEAR:
             return found
         msg = (
-            f"the gyroscope, {found.gyro_unit}, turns {raw_per_si:.4g} times as fast "
-            "as the truth; look at its unit (--gyro-unit) and at the truth's clock"
+            f"the gyroscope, {found.gyro_unit}, turns {raw_per_si:.4g} times as "
+            "fast as the truth; check its unit (--gyro-unit) and the clock of "
+            "the truth"
         )
         raise InputError(msg)
     for unit, size in OF_A_LOG["gyro"].items():
@@ -294,9 +296,9 @@ def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
             words = f"{unit}, as the truth says ({raw_per_si:.5g} to a rad/s)"
             return replace(found, gyro=found.gyro * size, gyro_unit=words)
     msg = (
-        f"by the truth {raw_per_si:.6g} units of the gyroscope are a rad/s, which is "
-        f"no unit; give --gyro-unit {1.0 / raw_per_si:.6g} for raw counts, or "
-        "--calibration"
+        f"by the truth {raw_per_si:.6g} units of the gyroscope are one "
+        "rad/s, which is not a usual unit; give --gyro-unit "
+        f"{1.0 / raw_per_si:.6g} for raw counts, or --calibration"
     )
     raise InputError(msg)
 
@@ -510,8 +512,9 @@ def _axes(
             return (), 1.0, words
     if not known.gyro or known.gyro_si_per_raw is None:
         msg = (
-            f"{source} has no gyroscope with a known unit, and a filter is told of its "
-            "noise in rad/s; write it by `simval noise LOG --gyro-unit rad/s --json`"
+            f"{source} has no gyroscope with a known unit, but a filter takes "
+            "its noise in rad/s; write the file with `simval noise LOG "
+            "--gyro-unit rad/s --json`"
         )
         raise InputError(msg)
     return known.gyro, known.gyro_si_per_raw, source

@@ -156,8 +156,9 @@ def calibrate_turned(
     rough = fitted(y[None], field, repeats=True)  # of a batch, which raises nothing
     if not rough.converged[0]:
         msg = (
-            f"{log.path} has {len(y)} readings of a magnetometer alone, and no "
-            f"calibration in them ({rough.status[0]}): turn it to all sides"
+            f"{log.path} has {len(y)} readings of a magnetometer alone, which "
+            f"do not determine a calibration ({rough.status[0]}): turn it to "
+            "all sides"
         )
         raise RefusedError(msg)
     error = _residuals(rough.model, rough.parameters[0], y, field)[0]
@@ -173,8 +174,9 @@ def calibrate_turned(
         covariance = jackknife(J[:, None], J[:, None], error[:, None], block)
     except np.linalg.LinAlgError:
         msg = (
-            f"{log.path} has {len(y)} readings of a magnetometer alone, and without a "
-            f"{BLOCKS}th of them no calibration: turn it to all sides more than once"
+            f"{log.path} has {len(y)} readings of a magnetometer alone, and "
+            f"they do not determine a calibration if a {BLOCKS}th of them is "
+            "left out: turn it to all sides more than once"
         )
         raise RefusedError(msg) from None
     half = block_of(share, 2 * BLOCKS)[0]

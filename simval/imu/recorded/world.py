@@ -26,6 +26,7 @@ from simval.imu.recorded.attitudes import of_matrix, rotated, rotation_vector
 from simval.imu.recorded.errors import ALPHA, mean_with_error, quantile
 from simval.imu.statics import Intervals
 from simval.shapes import Bool, Float
+from simval.spelling import counted
 
 STEEPEST: Final = np.radians(85.0)  # dip beyond which a field has no north
 NEAR: Final = np.radians(10.0)  # of a named world, to be called by its name
@@ -257,8 +258,9 @@ def _ups(
             means.append(force[start:stop][good].mean(axis=0))
     if not means:
         msg = (
-            f"none of the {len(rests)} rest(s) of the log has recorded attitudes, and "
-            "up is found at rest; record a rest in view of the optical system"
+            f"no rest of the log ({counted(len(rests), 'rest')}) has recorded "
+            "attitudes, and up is found at rest; record a rest in view of the "
+            "optical system"
         )
         raise RefusedError(msg)
     each = np.array(means)

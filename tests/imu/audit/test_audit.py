@@ -87,6 +87,9 @@ def test_a_turn_about_one_axis_does_not_tell_a_lever_arm_along_it():
 def test_what_is_not_declared_is_fitted():
     found = audit(simulated("right", rng(2), noise=0.01))
     assert found.exit_code == 0, str(found)
+    # a root of 3 x 1990 squares is within 4 % in all but one of 1e5
+    for each, noise in zip(found.sensors, (0.001, 0.01), strict=True):
+        assert each.deviation == pytest.approx(noise, rel=0.08)
     value, sd = found.accelerometer.fitted["lever"]
     assert np.all(np.abs(value - LEVER) < 5.0 * sd)
     assert np.all(sd < 0.005)

@@ -259,7 +259,7 @@ OPEN = {name: (pair, {}, words) for name, (pair, words) in OPEN.items()} | {
     ),
     "another g": (
         (BODY40, IRON40), {"known": calibrate(OTHER, 9.8, noise_std=BODY_STD)},
-        r"g = 9\.8 .*give `g=fit.g`",
+        r"g = 9\.8 .*g=fit.g",
     ),
     "a zenith": (
         noisy(random_set(40, 5, dip_deg=0.0)), {"hemisphere": "north"},

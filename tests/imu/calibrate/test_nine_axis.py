@@ -93,7 +93,7 @@ def test_starts_are_left_or_refused_and_neighbours_stay(given, whole):
         ({"field_std": [1.0, 2.0]}, "`field_std` has shape"),
         ({"known_bias": [0, 0, 0]}, "`known_bias` is given"),
         ({"fields": np.zeros((2, 3, 3))}, "give the means of both"),
-        ({"model": "upper"}, "give `g=fit.g`"),
+        ({"model": "upper"}, "g=fit.g"),
         ({"time": np.zeros(20)}, "spans 0.0 s"),
     ],
 )

@@ -13,7 +13,6 @@ from places import recording
 
 from simval.cli import run
 from simval.imu.calibrate import load_calibration
-from simval.imu.calibrate.drift import HIDDEN
 from simval.imu.calibrate.values import G_NAMES
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
@@ -166,15 +165,6 @@ def check_sentences(whole):
     assert f"{said}." in text
     for each in found:  # every one that does not hold is in the short view
         assert each.holds or (each.words in text and each.do in text)
-    diagnosis = whole.diagnosis
-    if "noise is the limit" in diagnosis.verdict and "not the noise" not in (
-        diagnosis.verdict
-    ):
-        assert 0.01 <= diagnosis.p_value <= 0.99
-        assert diagnosis.judgement.answer == "sound"
-    if "trust the Type A" in diagnosis.verdict:
-        assert diagnosis.p_value < 0.01
-        assert diagnosis.hidden <= HIDDEN
     return holds
 
 

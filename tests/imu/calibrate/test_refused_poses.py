@@ -53,7 +53,7 @@ def changed(*place, value):
 
 
 REFUSED = {
-    "eight": (poses_of(fibonacci_sphere(8)), {}, r"8 pose\(s\) .* parameters need 9"),
+    "eight": (poses_of(fibonacci_sphere(8)), {}, r"8 poses .* parameters need 9"),
     "six faces": (
         poses_of(np.tile(cube_faces(), (3, 1))), {},
         r"(?s)six faces of a cube.*rank 6 of 9.*0\.5[78], -?0\.5[78], -?0\.5[78]",
@@ -70,7 +70,7 @@ REFUSED = {
     "infinite": (changed(5, 2, value=np.inf), {}, r"\(inf\) in pose 5, axis z"),
     "duplicate": (changed(9, value=TWELVE[4]), {}, "poses 4 and 9 are identical"),
     "robust norm": (TWELVE, {"loss": "huber", "residual": "norm"}, "robust loss goes"),
-    "adjusted": (TWELVE, {"residual": "adjusted"}, "`noise_std` is not given"),
+    "adjusted": (TWELVE, {"residual": "adjusted"}, "`noise_std` is missing"),
     "two noises": (TWELVE, {"noise_std": [0.1, 0.2]}, "one for each of the 12 poses"),
     "full scale": (
         -TWELVE, {"full_scale": np.abs(TWELVE).max()},
@@ -78,7 +78,7 @@ REFUSED = {
     ),
     "no noise": (
         TWELVE, {"residual": "weighted", "noise_std": np.arange(12.0)},
-        "0 for 1 of 12 poses; .*give every pose",
+        "0 for 1 of 12 poses, .*give every pose",
     ),
 }  # fmt: skip
 

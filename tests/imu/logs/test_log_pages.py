@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from simval.cli import run
 from simval.cli.options import command_again
 from simval.imu.calibrate import calibrate
+from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise_description import SensorNoise
 from simval.imu.noise import noise_of
 from simval.imu.sensor import AccelerometerModel, forms
@@ -107,7 +108,7 @@ def test_roll_pitch_and_yaw_are_those_of_scipy():
 def test_white_noise_is_read_at_a_second_and_has_its_slope():
     """N = sd / sqrt(rate): 0.5 units at 25 Hz are 0.1 at one second."""
     rows = 0.5 * np.random.default_rng(3).standard_normal((4000, 1, 3))
-    noise = SensorNoise(name="gyro", axes=noise_of(rows, 25.0), si_per_raw=None)
+    noise = SensorNoise(name="gyro", axes=noise_of(rows, 25.0), scale=Scale(None, ""))
     (panel,) = allan_drawing("log", [noise]).panels
     (line,) = (x for x in panel.series if x.label == "slope -1/2, N at 1 s")
     slopes = np.diff(np.log(line.y)) / np.diff(np.log(line.x))

@@ -52,7 +52,7 @@ def test_a_bag_says_what_it_does_not_measure(tmp_path):
 def test_a_matrix_with_the_name_of_something_else_is_no_accelerometer(tmp_path, name):
     path = tmp_path / "log.npz"
     np.savez(path, fs=100.0, **{name: GYRO})
-    what = "which columns are the accelerometer's|names no accelerometer"
+    what = "which columns are the accelerometer's|has no column named as an"
     with pytest.raises(InputError, match=what):
         read_log(path)
     np.savez(path, fs=100.0, data=FORCE)

@@ -137,7 +137,7 @@ NO_LOG = {  # files of an archive, and what is said
         {"Accelerometer.csv": part(FORCE), "Gyroscope.csv": part(GYRO)},
         "Accelerometer.csv of Sensor Logger is without gravity"),
     "linear": ({"Linear Acceleration.csv": part(FORCE), "Gyroscope.csv": part(GYRO)},
-               "holds no readings of an accelerometer"),
+               "has no accelerometer in a known form"),
     "a bomb": ({"Accelerometer.csv": "0,0,0\n" * 2_000_000}, "times its size"),
     "no rows": ({"Accelerometer.csv": "Time (s),X,Y,Z\n"}, "no row of numbers"),
 }  # fmt: skip
@@ -273,7 +273,7 @@ OTHER = [*LABELLED[:20], "ax:1,ay:2,az:3", *LABELLED[20:]]
 YAML = "header:\n  stamp:\n    sec: 1\n    nanosec: 2\n  frame_id: imu\n---\n" * 9
 AT_100 = {"rate": 100.0}
 REFUSED = {  # what is spoilt so that no word mends it
-    "the clock jumps back at a header": (lines(*PLAIN, *PLAIN), {}, "again above it"),
+    "the clock jumps back at a header": (lines(*PLAIN, *PLAIN), {}, "stands again"),
     "a header again, no clock": (lines(*THREES, *THREES), AT_100, "no clock says how"),
     "many rows above a header": (lines(*PLAIN[20:50], *PLAIN), {}, "split the file"),
     "a row cut in the middle": (
@@ -287,7 +287,7 @@ REFUSED = {  # what is spoilt so that no word mends it
     "a field lost before a separator": (
         lines(*[f"{each}," for each in PLAIN[:20]], f"{PLAIN[20].partition(',')[2]},,",
               *[f"{each}," for each in PLAIN[21:]])[:-1].replace(",,", ","), {},
-        "line 21: 7 columns, but the rows from line 2 on have 8"),
+        "line 21 has 7 columns, but the rows from line 2 on have 8"),
     "YAML of ros2 topic echo": (YAML, {}, "with --csv"),
     "UTF-16 without its mark": ("\0".join(lines(*PLAIN)), {}, "not a text file"),
 }  # fmt: skip

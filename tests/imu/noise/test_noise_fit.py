@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from simval.errors import RefusedError
+from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise_description import SensorNoise
 from simval.imu.noise import (
     allan_law,
@@ -191,7 +192,7 @@ def test_rounding_of_counts_is_white_noise_of_its_own():
         white = each.coefficients[0]
         total = np.hypot(0.2, np.sqrt(1.0 / 12.0 / RATE))
         assert abs(white.value - total) < 4.0 * white.sd
-    facts = SensorNoise(name="gyro", axes=found, si_per_raw=None).values.facts
+    facts = SensorNoise(name="gyro", axes=found, scale=Scale(None, "")).values.facts
     # (1/12) / 4.08, of each axis
     assert sum("steps of 1 makes 2" in words for _, words, _ in facts) == 3
 

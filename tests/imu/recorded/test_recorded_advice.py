@@ -21,7 +21,7 @@ TURNED = [0.0, 0.0, 0.7]
     [
         (NONE, 1.0, "", "give --gyro-unit rad/s or deg/s", "--gyro-unit rad/s"),
         (NONE, 937.0, "--truth log", "for raw counts", None),
-        (UNITS, 1.0, "--truth log --gyro-unit deg/s", "look at its unit",
+        (UNITS, 1.0, "--truth log --gyro-unit deg/s", "check its unit",
          "--truth log --gyro-unit rad/s"),
         (OTHERS, 1.0, "", "name its columns (--columns)",
          "--columns t,ax,ay,az,wx,wy,wz,mx,my,mz,-,-,-,- --gyro-unit rad/s"),

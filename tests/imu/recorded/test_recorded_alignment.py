@@ -303,7 +303,7 @@ def test_stated_axes_tell_two_readings_apart(words, scalar):
     far = rotation_vector(of_matrix(attitude_matrix(
         from_rotation_vector(found.rotation)) @ axes.T))  # fmt: skip
     assert np.degrees(np.linalg.norm(far)) < 8.0
-    with pytest.raises(RefusedError, match="the sensor's axes are stated"):
+    with pytest.raises(RefusedError, match="by --truth-axes"):
         align(truth, readings(log), "estimated", axes @ stated_axes("y,z,x"))
 
 

@@ -38,6 +38,7 @@ from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
 from simval.poses import axis_orders
 from simval.shapes import Float, Int
+from simval.spelling import counted
 from simval.turns import MATRIX, TurnObservability, best_next_turn, judge, missing
 
 A: Final = 9  # accelerometer's parameters, and entries of M
@@ -215,7 +216,6 @@ def _numbers(
         "covariance": covariance,
         "residual_angles": turns.angles(here.at, own),
         "chi2_per_dof": chi2 / dof if dof > 0 else np.full(len(M), np.nan),
-        "step": np.array(solution.step),
     }
 
 
@@ -223,13 +223,14 @@ def _parameters(accelerometer: FitResult, trials: int) -> Float[Array, "t 9"]:
     theta = np.atleast_2d(accelerometer.parameters)
     if theta.shape != (trials, A):
         msg = (
-            f"`accelerometer` holds {len(theta)} fit(s) for {trials} trial(s); give "
-            "one of each"
+            f"`accelerometer` holds {counted(len(theta), 'fit')} for "
+            f"{counted(trials, 'trial')}; give one for each"
         )
         raise InputError(msg)
     if not np.isfinite(theta).all():
         msg = (
-            "the accelerometer has not been calibrated in every trial; leave those out"
+            "some trials have no calibration of the accelerometer; leave those "
+            "trials out"
         )
         raise InputError(msg)
     return theta

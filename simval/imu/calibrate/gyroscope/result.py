@@ -46,8 +46,6 @@ class GyroscopeFit(Estimate):
     residual_angles : Array
         Between gravity as rotated and as read at the end of each rotation, rad,
         (..., k).
-    step : Array
-        What a further step would be, over its standard deviation, (...).
     noise : NoiseFactors
         By how much the noise of each sensor was taken to exceed what was stated, with
         which covariance and chi-square are; empty for a batch and a fit of one sensor.
@@ -68,7 +66,6 @@ class GyroscopeFit(Estimate):
     chi2_per_dof: Float[Array, "..."]
     condition: Float[Array, "..."]
     residual_angles: Float[Array, "... k"]
-    step: Float[Array, "..."]
     noise: NoiseFactors
     drift: Drift | None
 
@@ -91,11 +88,6 @@ class GyroscopeFit(Estimate):
     def own_covariance(self) -> Float[Array, "... 12 12"]:
         """Covariance of the twelve parameters, (..., 12, 12)."""
         return self.covariance[..., 9:, 9:]
-
-    @property
-    def cost(self) -> Float[Array, "..."]:
-        """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
-        return (2.0 * np.sin(self.residual_angles / 2.0) ** 2).sum(axis=-1)
 
     def factors(self, form: Factors = "misalignment-scale") -> GyroscopeFactors:
         """M of one fit as others write it, with its covariance.

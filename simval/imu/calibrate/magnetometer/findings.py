@@ -26,7 +26,7 @@ from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Problem, Sensor
 from simval.imu.calibrate.gauss_newton import minimize
-from simval.imu.calibrate.goodness_of_fit import Deletion, believed_range, overstated
+from simval.imu.calibrate.goodness_of_fit import Deletion, believed_range
 from simval.imu.calibrate.magnetometer.covariance import Fitted
 from simval.imu.calibrate.magnetometer.result import DIP, IRON
 from simval.imu.calibrate.magnetometer.start import ENOUGH
@@ -154,7 +154,11 @@ def _scatter(fit: Fitted, *, explained: bool) -> Remark | None:
     ratio = chi_square / fit.dof
     if chi_square < low:
         times = float(np.sqrt(ratio))
-        return Remark("noise", overstated(times), numbers={"times": times})
+        words = (
+            f"residuals are {times:.2f} times what the noise explains: the noise is "
+            "overstated, or the poses are not independent"
+        )
+        return Remark("noise", words, numbers={"times": times})
     if chi_square <= high or explained:
         return None
     gravity, strength, dip = _sizes(fit)

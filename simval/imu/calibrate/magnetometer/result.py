@@ -98,6 +98,11 @@ class MagnetometerFit(Estimate):
         return self.parameters[..., DIP]
 
     @property
+    def own_covariance(self) -> Float[Array, "... 13 13"]:
+        """Covariance of the thirteen of the magnetometer, (..., 13, 13)."""
+        return self.covariance[..., 9:, 9:]
+
+    @property
     def chi2_per_dof(self) -> Any:
         """Chi-square per degree of freedom, (...); NaN without any."""
         return self.chi_square / (self.dof if self.dof > 0 else np.nan)

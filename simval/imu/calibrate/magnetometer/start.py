@@ -306,7 +306,6 @@ def _best(problem: Problem, found: list[JointSolution]) -> tuple[JointSolution, 
         here=problem.local(upright),
         iterations=sum(each.iterations for each in found),
         converged=np.isfinite(costs[best, trials]),
-        step=np.array([each.step for each in found])[best, trials],
     ), ~np.any(near & (apart > _SAME), axis=0)
 
 
@@ -364,8 +363,9 @@ def ellipsoid_then_rotation(
     body, iron = shape(za), shape(zm)
     if not (np.all(body.quadric) and np.all(iron.quadric)):
         msg = (
-            "the readings of a sensor fix no ellipsoid; two steps need one for each, "
-            "so turn the sensors to all sides"
+            "the readings of one sensor do not determine an ellipsoid; the "
+            "two-step start needs one for each sensor, so turn the sensors to "
+            "all sides"
         )
         raise GeometryError(msg)
     theta = forms.from_gram("triangular", body.root @ body.root, body.bias)
