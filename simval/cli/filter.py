@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from simval.cli.options import (
+    AccelerometerUnit,
     AsJson,
     Columns,
     From,
     GyroDelay,
+    GyroUnit,
     Instance,
     LogPath,
     Number,
@@ -27,7 +29,6 @@ from simval.cli.options import (
     declared,
     refuse_if,
     refusing,
-    unit_words,
     with_rows,
     write,
 )
@@ -126,10 +127,8 @@ def command(
     instance: Instance = None,
     start: From = None,
     stop: Until = None,
-    accelerometer_unit: Annotated[
-        str | None, unit_words("accelerometer"), dict(metavar="UNIT")
-    ] = None,
-    gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
+    accelerometer_unit: AccelerometerUnit = None,
+    gyro_unit: GyroUnit = None,
     gyro_rows: RowsOf = "found",
     gyro_delay: GyroDelay = 0.0,
     time_limit: Annotated[

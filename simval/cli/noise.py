@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from simval.cli.options import (
+    AccelerometerUnit,
     AsJson,
     Columns,
     From,
+    GyroUnit,
     Instance,
     LogPath,
     OutFile,
@@ -45,10 +47,8 @@ def command(
     instance: Instance = None,
     start: From = None,
     stop: Until = None,
-    accelerometer_unit: Annotated[
-        str | None, unit_words("accelerometer"), dict(metavar="UNIT")
-    ] = None,
-    gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
+    accelerometer_unit: AccelerometerUnit = None,
+    gyro_unit: GyroUnit = None,
     magnetometer_unit: Annotated[
         str | None, unit_words("magnetometer"), dict(metavar="UNIT")
     ] = None,

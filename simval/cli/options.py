@@ -258,6 +258,21 @@ Instance = Annotated[
     "The topic, table or sensor of LOG to read, where it has more than one.",
     dict(metavar="NAME"),
 ]
+
+
+def unit_words(sensor: str) -> str:
+    """Help of the option that states the unit of a sensor's readings."""
+    names = list(OF_A_LOG[sensor])
+    return (
+        f"Unit of the readings: {', '.join(names)}, or {names[0]} per raw unit as a "
+        "number."
+    )
+
+
+AccelerometerUnit = Annotated[
+    str | None, unit_words("accelerometer"), dict(metavar="UNIT")
+]
+GyroUnit = Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")]
 From = Annotated[
     str | None,
     "Read LOG from this time on: seconds as the command prints them, or a time of day "
@@ -320,15 +335,6 @@ def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":
         raise InputError(msg)
     known = "before" if kind == "found" else kind
     return replace(log, gyro_rows=Rows(kind=known, delay=1e-3 * delay_ms))
-
-
-def unit_words(sensor: str) -> str:
-    """Help of the option that states the unit of a sensor's readings."""
-    names = list(OF_A_LOG[sensor])
-    return (
-        f"Unit of the readings: {', '.join(names)}, or {names[0]} per raw unit as a "
-        "number."
-    )
 
 
 def stated(name: str) -> bool:

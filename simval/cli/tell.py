@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,9 +13,11 @@ import click
 
 from simval.cli.options import (
     PROJECT_FILES,
+    AccelerometerUnit,
     AsJson,
     Columns,
     From,
+    GyroUnit,
     Instance,
     Number,
     Positive,
@@ -24,25 +26,35 @@ from simval.cli.options import (
     declared,
     refuse_if,
     refusing,
-    unit_words,
     write,
 )
 from simval.cli.terminal import say, show
 from simval.errors import InputError
-from simval.vocabulary import SCENES, TARGETS, Model
+from simval.vocabulary import SCENES, TARGETS
 
 if TYPE_CHECKING:
     from simval.account import Fact
     from simval.arrays import Array
     from simval.imu.logs import Log
+    from simval.theory import CalibrationError
     from simval.theory.filter_settings import FilterCase
 
 SENSORS = ("gyroscope", "accelerometer", "magnetometer")
+ENTRIES = {
+    "--scale-error": [0, 4, 8],
+    "--misalignment": [1, 2, 3, 5, 6, 7],
+    "--bias-error": [9, 10, 11],
+}
+"""Of a matrix row by row and an offset, by the option that states them."""
+NOISES = {"N": ("gyroscope", "N"), "K": ("gyroscope", "K"),
+          "accelerometer": ("accelerometer", "N"),
+          "magnetometer": ("magnetometer", "N")}  # fmt: skip
+"""Sensor and coefficient of each noise that a filter is given."""
 MOST_ROWS = 4000
 """Rows of all motions together: a search then takes some seconds."""
 START_STD = 0.05  # rad
 BIAS_STD = 5e-3  # rad/s
-EARTH = (9.80665, (2e-5, 0.0, -4e-5))
+EARTH, FIELD = 9.80665, (2e-5, 0.0, -4e-5)
 """m/s^2 and T of a motion that has neither: the standard's, and the scenes' field."""
 STRONGEST = 1e-2
 """T: a field of a log that is stronger is in another unit, and of unknown strength."""
@@ -50,6 +62,10 @@ LARGEST = 1e6
 """Of an error that is stated, SI: what is more is in another unit."""
 NOTHING = 1e-3
 """Of a size of which only a bound is known, at the low end of its interval."""
+
+
+Density = Annotated[Positive | None, dict(metavar="N")]
+Stated = Annotated[tuple[str, ...], dict(metavar="[SENSOR=]SHARE")]
 
 
 @declared("tell")
@@ -67,40 +83,31 @@ def command(
         "rests of a log]",
     ] = None,
     angle_random_walk: Annotated[
-        Positive | None,
-        "White noise N of the gyroscope instead, rad/s per root Hz.",
-        dict(metavar="N"),
+        Density, "White noise N of the gyroscope instead, rad/s per root Hz."
     ] = None,
     rate_random_walk: Annotated[
-        Positive | None,
-        "Random walk K of its bias, rad/s^2 per root Hz.",
-        dict(metavar="K"),
+        Density, "Random walk K of its bias, rad/s^2 per root Hz.", dict(metavar="K")
     ] = None,
     velocity_random_walk: Annotated[
-        Positive | None,
-        "White noise of the accelerometer, m/s^2 per root Hz.",
-        dict(metavar="N"),
+        Density, "White noise of the accelerometer, m/s^2 per root Hz."
     ] = None,
     magnetometer_noise: Annotated[
-        Positive | None,
+        Density,
         "White noise of the magnetometer, T per root Hz; without one the filter has "
         "six axes.",
-        dict(metavar="N"),
     ] = None,
     scale_error: Annotated[
-        tuple[str, ...],
+        Stated,
         "Standard deviation of a scale, a share: 0.01 for 1 %, of all sensors or of "
         "one, as gyroscope=0.01; may be repeated.",
-        dict(metavar="[SENSOR=]SHARE"),
     ] = (),
     misalignment: Annotated[
-        tuple[str, ...],
+        Stated,
         "The same of what an axis reads of another, a share: 0.01 is 1 %, or 0.57 "
         "degrees.",
-        dict(metavar="[SENSOR=]SHARE"),
     ] = (),
     bias_error: Annotated[
-        tuple[str, ...],
+        Stated,
         "The same of an offset, SI: gyroscope=0.005 (rad/s, which the filter "
         "estimates), accelerometer=0.02 (m/s^2), magnetometer=1e-6 (T).",
         dict(metavar="SENSOR=VALUE"),
@@ -127,10 +134,8 @@ def command(
     ] = None,
     columns: Columns = None,
     instance: Instance = None,
-    accelerometer_unit: Annotated[
-        str | None, unit_words("accelerometer"), dict(metavar="UNIT")
-    ] = None,
-    gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
+    accelerometer_unit: AccelerometerUnit = None,
+    gyro_unit: GyroUnit = None,
     start: From = None,
     stop: Until = None,
     to: Annotated[
@@ -160,67 +165,43 @@ def command(
     import numpy as np
 
     from simval.account import Note
-    from simval.imu.filters.conversions import Given, arguments, settings_file
-    from simval.imu.filters.signals import Told
+    from simval.imu.recorded.conversions import Given, arguments, settings_file
     from simval.theory.filter_advice import filter_advice
 
-    errors = sheet_errors(scale_error, misalignment, bias_error)
-    log = dict(columns=columns, instance=instance, start=start, stop=stop, rate=rate,
-               units=(accelerometer_unit, gyro_unit))  # fmt: skip
+    sheet = dict(zip(ENTRIES, (scale_error, misalignment, bias_error), strict=True))
+    errors, bias_std = sheet_errors(sheet)
+    how = dict(columns=columns, instance=instance, start=start, stop=stop)
+    units = accelerometer_unit, gyro_unit
     courses = [
-        course_of(word, calibration, log).taken(rate or 100.0, MOST_ROWS // len(motion))
+        course_of(word, how, rate, calibration, units)
+        .taken(rate or 100.0, MOST_ROWS // len(motion))
         for word in motion
-    ]
-    left = {} if calibration is None else calibrated(calibration, courses[0].strength)
-    white = {name: x for each in courses for name, x in each.white.items()}
-    ends: list[dict[str, float]] = []
-    facts = [fact for each in courses for fact in each.said]
-    if noise is not None:
-        more, ends, said = measured(noise, {name: M for name, (M, _) in left.items()})
-        white |= more
-        facts.append(said)
-    else:
-        facts += [fact for each in courses for fact in each.noise]
-    stated = {
-        "N": angle_random_walk, "K": rate_random_walk,
-        "accelerometer": velocity_random_walk, "magnetometer": magnetometer_noise,
-    }  # fmt: skip
-    white |= {name: x for name, x in stated.items() if x is not None}
-    refuse_if(
-        not (white.get("N") and white.get("accelerometer")),
-        "the noise of the sensors is not known; give `--noise FILE`, or "
-        "`--angle-random-walk` and `--velocity-random-walk`",
-    )
-    for sensor, (_, C) in left.items():
-        errors[sensor] = errors[sensor] + C
-    cases = [case_of(each, white, errors, settle) for each in courses]
-    ends = [{n: x for n, x in end.items() if stated.get(n) is None} for end in ends]
+    ]  # fmt: skip
+    given = (angle_random_walk, rate_random_walk, velocity_random_walk,
+             magnetometer_noise)  # fmt: skip
+    stated = {n: x for n, x in zip(NOISES, given, strict=True) if x is not None}
+    matrices, left, ends = calibrated(calibration, courses[0].field)
+    white, spread, facts = noise_of(courses, noise, matrices, stated)
+    cases = [case_of(each, white, [*errors, *left], bias_std, settle)
+             for each in courses]  # fmt: skip
+    ends = [a | b for a, b in zip(ends, spread, strict=True)]
     advice = filter_advice(
         cases, band=band, parts=parts, ends=ends if any(ends) else ()
     )
-    course = courses[0]
-    own = advice.given(advice.settings.factors)
-    start_sd = np.sqrt(np.diagonal(cases[0].truth.start))
-    told = Told(
-        gyroscope_noise=own["N"], gyroscope_walk=own["K"],
-        accelerometer_noise=own["accelerometer"],
-        magnetometer_noise=own.get("magnetometer", np.nan), gravity=course.gravity,
-        field=np.asarray(course.field), start_std=float(start_sd[:3].max()),
-        bias_std=float(start_sd[3]),
-    )  # fmt: skip
-    given = Given(told, course.rate)
-    python = arguments(given)
-    rows = [f"{name}: {short(own)}" for name, own in python.items()]
-    account = advice.account
+    x, truth = advice.settings.factors, cases[0].truth
+    vectors = {each.name: each.reference for each in truth.sensors}
+    own = {n: white[n] * x.get(n, 1.0) for n in ("N", "K", *vectors)}
+    told = Given(own, courses[0].rate, vectors, np.diagonal(truth.start))
+    python, account, notes = arguments(told), advice.account, []
+    rows = [f"{name}: {short(each)}" for name, each in python.items()]
     account = replace(
         account,
         source=", ".join(each.name for each in courses),
-        facts=[*account.facts, *facts],
+        facts=[*account.facts, *(f for each in courses for f in each.said), *facts],
         notes=[Note(words="As arguments of Python packages:", matrix="\n".join(rows))],
     )
-    notes = []
     for project, file in to:
-        text, remarks = settings_file(project, given)
+        text, remarks = settings_file(project, told)
         write(file, text)
         notes += [f"{project:17s} {each}" for each in remarks]
     if as_json:
@@ -239,78 +220,81 @@ def short(values: Any) -> str:
     return json.dumps(rounded).replace('"', "")
 
 
-def by_sensor(option: str, words: Sequence[str]) -> dict[str, float]:
-    """Numbers of sensors, as ``gyroscope=0.01``, or of all."""
-    found: dict[str, float] = {}
-    for word in words:
-        name, _, number = word.rpartition("=")
-        try:
-            value = float(number)
-        except ValueError:
-            value = -1.0
-        names = SENSORS if not name and option != "--bias-error" else (name,)
-        refuse_if(
-            not set(names) <= set(SENSORS) or not 0.0 <= value <= LARGEST,
-            f"`{option}` is {word!r}; give a number from 0 to {LARGEST:g} with its "
-            f"sensor, as gyroscope=0.01; there are {', '.join(SENSORS)}",
-        )
-        found |= dict.fromkeys(names, value)
-    return found
-
-
 def sheet_errors(
-    scale: Sequence[str], misalignment: Sequence[str], bias: Sequence[str]
-) -> dict[str, Array]:
-    """Covariance of each sensor's matrix, row by row, and offset."""
-    import numpy as np
+    stated: Mapping[str, Sequence[str]],
+) -> tuple[list[CalibrationError], float]:
+    """What readings are off by, and the deviation of the gyroscope's bias.
 
-    scales = by_sensor("--scale-error", scale)
-    others = by_sensor("--misalignment", misalignment)
-    offsets = dict.fromkeys(SENSORS, 0.0) | {"gyroscope": BIAS_STD}
-    offsets |= by_sensor("--bias-error", bias)
-    found = {}
-    for name in SENSORS:
-        sd = np.full((3, 3), others.get(name, 0.0))
-        np.fill_diagonal(sd, scales.get(name, 0.0))
-        found[name] = np.diag(np.append(sd, np.full(3, offsets[name])) ** 2)
-    return found
-
-
-def calibrated(path: Path, strength: float) -> dict[str, tuple[Array, Array]]:
-    """Matrix of each sensor of a file, to SI units, and what it leaves in readings.
-
-    The latter as `sheet_errors`; the field has a strength, T.
+    By the words of each option, as ``gyroscope=0.01``, or ``0.01`` of all sensors.
     """
     import numpy as np
 
-    from simval.imu.calibrate.files import array, load_calibration, load_document
+    from simval.theory import CalibrationError
+
+    sd = {name: np.zeros(12) for name in SENSORS}
+    sd["gyroscope"][9:] = BIAS_STD
+    for option, words in stated.items():
+        for word in words:
+            name, _, number = word.rpartition("=")
+            try:
+                value = float(number)
+            except ValueError:
+                value = -1.0
+            names = SENSORS if not name and option != "--bias-error" else (name,)
+            refuse_if(
+                not set(names) <= set(SENSORS) or not 0.0 <= value <= LARGEST,
+                f"`{option}` is {word!r}; give a number from 0 to {LARGEST:g} with its "
+                f"sensor, as gyroscope=0.01; there are {', '.join(SENSORS)}",
+            )
+            for each in names:
+                sd[each][ENTRIES[option]] = value
+    bias, sd["gyroscope"] = sd["gyroscope"][9], sd["gyroscope"][:9]
+    return [
+        CalibrationError(of=name, covariance=np.diag(x**2))
+        for name, x in sd.items()
+        if x.any()
+    ], bias
+
+
+def calibrated(
+    path: Path | None, field: Array
+) -> tuple[Mapping[str, Array], list[CalibrationError], list[dict[str, float]]]:
+    """Matrix of each sensor of a file, to SI units, and what it leaves in readings.
+
+    With the ends of the interval of its deviations over them, where these are of the
+    scatter of the poses; the field has the strength of T.
+    """
+    import numpy as np
+    import scipy
+
+    from simval.arrays import shaped_array
+    from simval.imu.calibrate.files import array, load_calibration, load_document, named
     from simval.theory import calibration_error
 
-    fit = load_calibration(path)
+    if path is None:
+        return {}, [], [{}, {}]
+    fit, document = load_calibration(path), load_document(path)
     refuse_if(
         not np.isfinite(fit.covariance).all(),
         f"{path} has no covariance, and what a calibration leaves is that; calibrate "
         "again (simval calibrate LOG --out FILE), or state the errors (--scale-error)",
     )
-    made: dict[str, tuple[Array, Array, Model | None]] = {
-        "accelerometer": (fit.matrix, fit.covariance, fit.model)
-    }
-    document = load_document(path)
-    for sensor, field in (("gyroscope", 1.0), ("magnetometer", strength)):
+    M, sensor = {"accelerometer": fit.matrix}, "accelerometer"
+    left = [calibration_error(sensor, fit.matrix, fit.covariance, form=fit.model)]
+    strength = float(np.linalg.norm(field))
+    for sensor, size in (("gyroscope", 1.0), ("magnetometer", strength)):
         block = document.get(sensor)
         if isinstance(block, dict) and "covariance" in block:
-            unit = field / block.get("field", 1.0)
-            size = len(block["covariance"])
-            C = array(block, "covariance", (size, size))[:12, :12]
-            scale = np.repeat([unit, 1.0], [9, 3])
-            M = unit * array(block, "M", (3, 3))
-            made[sensor] = M, C * np.outer(scale, scale), None
-    found: dict[str, tuple[Array, Array]] = {}
-    for sensor, (M, C, form) in made.items():
-        own = np.asarray(calibration_error(sensor, M, C, form=form).covariance)
-        # a gyroscope's bias is the filter's
-        found[sensor] = M, np.pad(own, (0, 12 - len(own)))
-    return found
+            with named(f"{path}: {sensor}"):
+                C = shaped_array("covariance", block["covariance"], (None, None))
+                unit = np.repeat([size / block.get("field", 1.0), 1.0], [9, 3])
+                M[sensor] = unit[0] * array(block, "M", (3, 3))
+                C = C[:12, :12] * np.outer(unit, unit)
+                left.append(calibration_error(sensor, M[sensor], C))
+    # a scatter's square is chi-square
+    n = np.min(fit.freedom)
+    known = np.sqrt(n / scipy.special.chdtri(n, [0.025, 0.975])) if n < np.inf else ()
+    return M, left, [{left[0].name: x} for x in known] or [{}, {}]
 
 
 class Course(NamedTuple):
@@ -319,10 +303,10 @@ class Course(NamedTuple):
     name: str
     time: Array  # s, of each attitude
     attitude: Array
-    white: dict[str, float]  # noise measured in its rests, as of `measured`
-    felt: Array | None = None  # specific force beside gravity's, m/s^2, after the first
-    gravity: float = EARTH[0]
-    field: Sequence[float] | Array = EARTH[1]
+    felt: Array  # specific force beside gravity's, m/s^2, of each but the first
+    white: Mapping[str, float] = {}  # noise measured in its rests, as of `measured`
+    gravity: float = EARTH
+    field: Any = FIELD  # T
     said: tuple[Fact, ...] = ()
     noise: tuple[Fact, ...] = ()  # where `white` is from
 
@@ -333,39 +317,36 @@ class Course(NamedTuple):
 
         return 1.0 / float(np.median(np.diff(self.time)))
 
-    @property
-    def strength(self) -> float:
-        """Length of the field."""
-        return float(sum(x**2 for x in self.field) ** 0.5)
-
     def taken(self, rate: float, most: int) -> Course:
         """One row of several, for a rate, and of these the part that turns most."""
         import numpy as np
 
         from simval.account import Fact
-        from simval.geometry import compose, conjugate, rotation_vector
+        from simval.imu.recorded.attitudes import turned
 
         k = max(1, round(self.rate / rate))
-        time, q = self.time[::k], self.attitude[::k]
-        felt = self.felt
-        if felt is not None and k > 1:  # the mean, as of the noise of these rows
-            rows = (len(time) - 1) * k
-            felt = felt[:rows].reshape(-1, k, 3).mean(axis=1)
-        turn = np.linalg.norm(
-            rotation_vector(compose(conjugate(q[:-1]), q[1:])), axis=1
-        )
-        sums, a, said = np.append(0.0, np.cumsum(turn)), 0, self.said
-        if len(turn) > most:
-            a = int(np.argmax(sums[most:] - sums[:-most]))
-            words = f"{self.name}: {time[a]:.4g} to {time[a + most]:.4g} s turn most"
+        time, q, said = self.time[::k], self.attitude[::k], self.said
+        # the mean, as of the noise of these rows
+        felt = self.felt[: (len(time) - 1) * k].reshape(-1, k, 3).mean(axis=1)
+        turn = np.linalg.norm(turned(q[:-1], q[1:]), axis=1)
+        sums, n = np.append(0.0, np.cumsum(turn)), min(most, len(turn))
+        a = int(np.argmax(sums[n:] - sums[:-n]))
+        if n < len(turn):
+            words = f"{self.name}: {time[a]:.4g} to {time[a + n]:.4g} s turn most"
             said += (Fact("part", f"{words}; fewer rows a second make it longer"),)
+        rows = slice(a, a + n + 1)
         return self._replace(
-            time=time[a : a + most + 1], attitude=q[a : a + most + 1], said=said,
-            felt=None if felt is None else felt[a : a + most],
-        )  # fmt: skip
+            time=time[rows], attitude=q[rows], felt=felt[a : a + n], said=said
+        )
 
 
-def course_of(word: str, calibration: Path | None, how: dict[str, Any]) -> Course:
+def course_of(
+    word: str,
+    how: Mapping[str, Any],
+    rate: float | None,
+    calibration: Path | None,
+    units: tuple[str | None, str | None],
+) -> Course:
     """A scene, a log, or a file of attitudes."""
     from simval.geometry import attitude_matrix
     from simval.imu.logs import read_log
@@ -376,31 +357,23 @@ def course_of(word: str, calibration: Path | None, how: dict[str, Any]) -> Cours
         run = simulate_cached(word)
         up = attitude_matrix(run.attitude)[..., 2] * run.g
         felt = (run.specific_force - up)[1:]
-        return Course(word, run.time, run.attitude, {}, felt, run.g, run.magnetic)
-    columns, instance, rate = how["columns"], how["instance"], how["rate"]
-    if "q" in str(columns):
-        return of_attitudes(word, columns, rate)
-
-    def read(rate: float | None) -> Log:
-        return read_log(Path(word), rate, columns, instance,
-                        start=how["start"], stop=how["stop"])  # fmt: skip
-
+        return Course(word, run.time, run.attitude, felt, {}, run.g, run.magnetic)
+    if "q" in str(how["columns"]):
+        return of_attitudes(word, how["columns"], rate)
+    for clock in dict.fromkeys((None, rate)):  # a log may have none
+        try:
+            log = read_log(Path(word), clock, **how)
+        except InputError as error:
+            reason = error
+        else:
+            return of_log(log, calibration, units)
     try:
-        try:
-            log = read(None)
-        except InputError:  # it may have no clock
-            if rate is None:
-                raise
-            log = read(rate)
+        return of_attitudes(word, None, rate)
     except InputError as error:
-        try:
-            return of_attitudes(word, None, rate)
-        except InputError as other:
-            attitudes = False
-            with suppress(InputError):
-                attitudes = bool(quaternion_stems(word, instance))
-            raise (other if attitudes else error) from None
-    return of_log(log, calibration, how["units"])
+        stems: list[str] = []
+        with suppress(InputError):
+            stems = quaternion_stems(word, how["instance"])
+        raise (error if stems else reason) from None
 
 
 def of_attitudes(path: str, columns: str | None, rate: float | None) -> Course:
@@ -424,7 +397,7 @@ def of_attitudes(path: str, columns: str | None, rate: float | None) -> Course:
     q = np.roll(truth.components[there], -(truth.scalar == "first"), axis=1)
     name = Path(path).name
     said = Fact("motion", f"{name}: attitudes alone, without acceleration of the body")
-    return Course(name, truth.time[there], q, {}, said=(said,))
+    return Course(name, truth.time[there], q, np.zeros((len(q) - 1, 3)), said=(said,))
 
 
 def of_log(
@@ -447,39 +420,70 @@ def of_log(
     with refusing(log):
         found, _ = prepared(log, None, calibration, units)
         begin = start_of(found)
-        noise, motion = begin.told.accelerometer_noise, begin.motion
-        begin = start_of(found, accelerometer_noise=float(np.hypot(noise, motion)))
-    given, settings = filter_input(found, begin), asdict(begin.told)
-    gyro, force = given.gyroscope[0], given.accelerometer[0]
-    magnetic = given.magnetometer[0]
+    true, motion, name = begin.told, begin.motion, Path(log.path).name
+    given, settings = filter_input(found, begin), asdict(true)
+    settings["accelerometer_noise"] = float(np.hypot(true.accelerometer_noise, motion))
+    root, force = np.sqrt(found.rate), given.accelerometer[0]
+    field: Any = FIELD
+    white = {"N": true.gyroscope_noise, "K": true.gyroscope_walk,
+             "accelerometer": true.accelerometer_noise / root}  # fmt: skip
+    rows = [given.gyroscope[0], force]
+    words = f"{name}: attitudes by simval:mekf, {motion:.2g} m/s² of acceleration"
     if found.field is None:
         del settings["field"], settings["magnetometer_noise"]
-        magnetic = None
+    else:
+        size, usual = (float(np.linalg.norm(each)) for each in (true.field, field))
+        unit = 1.0 if size < STRONGEST else usual / size
+        words += f"; the field is taken for {1e6 * usual:.0f} µT" * (unit != 1.0)
+        white["magnetometer"] = unit * true.magnetometer_noise / root
+        field = unit * true.field
+        rows.append(given.magnetometer[0])
     ours = Mekf(start=begin.attitude, **settings)
-    q = ours.update_rows(given.dt, gyro, force, magnetic)["attitude"]
-    name, root = Path(log.path).name, float(np.sqrt(found.rate))
-    words = f"{name}: attitudes by simval:mekf, {motion:.2g} m/s² of acceleration"
-    course = Course(
-        name,
-        np.append(0.0, np.cumsum(given.dt)),
-        np.vstack([begin.attitude, q]),
-        {"N": begin.told.gyroscope_noise, "K": begin.told.gyroscope_walk,
-         "accelerometer": noise / root},
-        force - attitude_matrix(q)[..., 2] * begin.told.gravity if motion else None,
-        begin.told.gravity,
+    q = ours.update_rows(given.dt, *rows)["attitude"]
+    up = attitude_matrix(q)[..., 2] * true.gravity
+    return Course(
+        name, np.append(0.0, np.cumsum(given.dt)), np.vstack([begin.attitude, q]),
+        (force - up) * bool(motion), white, true.gravity, field,
+        (Fact("motion", words),),
+        tuple(f._replace(notable=True) for f in begin.facts if f.label == "noise used"),
     )  # fmt: skip
-    if magnetic is not None:
-        size = float(np.linalg.norm(begin.told.field))
-        unit = 1.0 if size < STRONGEST else course.strength / size
-        words += f"; the field is taken for {1e6 * unit * size:.0f} µT" * (unit != 1.0)
-        course.white["magnetometer"] = unit * begin.told.magnetometer_noise / root
-        course = course._replace(field=unit * begin.told.field)
-    used = (x._replace(notable=True) for x in begin.facts if x.label == "noise used")
-    return course._replace(said=(Fact("motion", words),), noise=tuple(used))
+
+
+def noise_of(
+    courses: Sequence[Course],
+    file: Path | None,
+    matrices: Mapping[str, Array],
+    stated: Mapping[str, float],
+) -> tuple[dict[str, float], list[dict[str, float]], list[Fact]]:
+    """Noise as `measured`, of a file, else of the rests of logs; and as it is stated.
+
+    Of several logs the largest: it is one sensor's.
+    """
+    from simval.account import Fact
+
+    rested = [each for each in courses if each.white]
+    white = dict.fromkeys(NOISES, 0.0)
+    white |= {
+        n: max(each.white.get(n, 0.0) for each in rested) for n in white if rested
+    }
+    ends: list[dict[str, float]] = [{}, {}]
+    facts = [fact for each in rested for fact in each.noise]
+    if file is not None:
+        more, ends, said = measured(file, matrices)
+        white, facts = white | more, [said]
+    elif len(rested) > 1:
+        facts.append(Fact("noise used", "the largest of these logs", notable=True))
+    white |= stated
+    refuse_if(
+        not (white["N"] and white["accelerometer"]),
+        "the noise of the sensors is not known; give `--noise FILE`, or "
+        "`--angle-random-walk` and `--velocity-random-walk`",
+    )
+    return white, [{n: x for n, x in e.items() if n not in stated} for e in ends], facts
 
 
 def measured(
-    path: Path, matrices: dict[str, Array]
+    path: Path, matrices: Mapping[str, Array]
 ) -> tuple[dict[str, float], list[dict[str, float]], Fact]:
     """Noise of a file per root hertz, SI, the largest of the axes.
 
@@ -501,80 +505,70 @@ def measured(
     size: dict[str, float] = {}
     ends: list[dict[str, float]] = [{}, {}]
     words, below = f"measured, {path.name}; the largest of the axes", False
-    for sensor, (axes, unit) in sensors.items():
-        if axes and sensor in matrices:
+    for name, (sensor, kind) in NOISES.items():
+        axes, unit = sensors[sensor]
+        if not axes:
+            continue
+        if sensor in matrices:
             unit = float(np.cbrt(np.linalg.det(matrices[sensor])))
         refuse_if(
-            bool(axes) and unit is None,
+            unit is None,
             f"{path}: the unit of the {sensor} is not known; write it by `simval noise "
             "LOG --json` with the unit (see its help), or give the calibration",
         )
-        for kind in ("N", "K") if axes and sensor == "gyroscope" else "N" * bool(axes):
-            name = kind if sensor == "gyroscope" else sensor
-            most = largest(axes, kind, np.full(3, unit))
-            value, low, high = most.value, most.low, most.high
-            words += f"; {kind} is {equivalent_words(most.horizon)}" * bool(
-                most.horizon
-            )
-            refuse_if(
-                value is None and kind == "N",
-                f"{path} shows no white noise of the {sensor}; state it by an option",
-            )
-            if value is None:  # K whose variance of the rest's mean is that of N
-                seconds = min(axis.rows / axis.rate_hz for axis in axes)
-                value = 3.0**0.5 * size.get("N", 0.0) / seconds
-                low, high = NOTHING * value, most.bound or value
-                words += f"; {kind} is below what {seconds:.0f} s can show, and what "
-                words += "doubles the variance of their mean is taken"
-                below = True
-            size[name] = value
-            for end, limit in zip(ends, (low, high), strict=True):
-                if value > 0.0 and 0.0 < limit < np.inf:
-                    end[name] = limit / value
+        value, bound, horizon, low, high = largest(axes, kind, np.full(3, unit))
+        words += f"; {kind} is {equivalent_words(horizon)}" * bool(horizon)
+        refuse_if(
+            value is None and kind == "N",
+            f"{path} shows no white noise of the {sensor}; state it by an option",
+        )
+        if value is None:  # K whose variance of the rest's mean is that of N
+            seconds = min(axis.rows / axis.rate_hz for axis in axes)
+            value, below = 3.0**0.5 * size["N"] / seconds, True
+            low, high = NOTHING * value, bound or value
+            words += f"; {kind} is below what {seconds:.0f} s can show, and what "
+            words += "doubles the variance of their mean is taken"
+        size[name] = value
+        for end, limit in zip(ends, (low, high), strict=True):
+            if value > 0.0 and 0.0 < limit < np.inf:
+                end[name] = limit / value
     return size, ends, Fact("noise", words, notable=below)
 
 
 def case_of(
-    course: Course, white: dict[str, float], errors: dict[str, Array], settle: float
+    course: Course,
+    white: Mapping[str, float],
+    errors: Sequence[CalibrationError],
+    bias_std: float,
+    settle: float,
 ) -> FilterCase:
     """A motion with its sensors and their errors."""
     import numpy as np
 
     from simval.geometry import attitude_matrix
-    from simval.theory import (
-        CalibrationError,
-        FilterModel,
-        FilterPath,
-        RowError,
-        VectorSensor,
-    )
+    from simval.theory import FilterModel, FilterPath, RowError, VectorSensor
     from simval.theory.filter_settings import FilterCase
 
-    vectors = {"accelerometer": np.array([0.0, 0.0, course.gravity])}
-    if white.get("magnetometer"):
-        vectors["magnetometer"] = np.asarray(course.field)
-    root = np.sqrt(course.rate)
+    vectors = {
+        "accelerometer": (0.0, 0.0, course.gravity),
+        "magnetometer": course.field,
+    }
     sensors = tuple(
-        VectorSensor(name=name, reference=vector, std=white[name] * root)
+        VectorSensor(name=name, reference=np.array(vector), std=size * course.rate**0.5)
         for name, vector in vectors.items()
+        if (size := white[name])
     )
-    start = np.diag(
-        np.append(np.full(3, START_STD**2), np.diagonal(errors["gyroscope"])[9:])
-    )
+    start = np.diag(np.repeat([START_STD**2, bias_std**2], 3))
     if len(sensors) == 1:  # a heading is counted from that of the start
         up = attitude_matrix(course.attitude[0])[:, 2]
         start[:3, :3] -= START_STD**2 * np.outer(up, up)
-    left: list[CalibrationError | RowError] = []
-    for name in ("gyroscope", *vectors):
-        C = errors[name][:9, :9] if name == "gyroscope" else errors[name]
-        left += [CalibrationError(of=name, covariance=C)] * bool(C.any())
-    if course.felt is not None and course.felt.any():
-        left.append(RowError(of="accelerometer", rows=course.felt))
+    known = ("gyroscope", *(each.name for each in sensors))
+    felt = [RowError(of="accelerometer", rows=course.felt)] * bool(course.felt.any())
     return FilterCase(
         path=FilterPath(dt=np.diff(course.time), attitude=course.attitude),
         truth=FilterModel(
-            gyroscope_noise=white["N"], gyroscope_walk=white.get("K", 0.0),
-            sensors=sensors, start=start,
+            gyroscope_noise=white["N"], gyroscope_walk=white["K"], sensors=sensors,
+            start=start,
         ),
-        errors=tuple(left), settle=settle,
+        errors=(*(each for each in errors if each.of in known), *felt), settle=settle,
     )  # fmt: skip

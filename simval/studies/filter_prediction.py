@@ -46,6 +46,7 @@ from simval.theory import (
     filter_bound,
     filter_prediction,
 )
+from simval.theory.filter_model import Error
 
 GYROSCOPE, ACCELEROMETER, MAGNETOMETER = "gyroscope", "accelerometer", "magnetometer"
 UP = np.array([0.0, 0.0, 1.0])
@@ -57,8 +58,12 @@ def prediction(
     told: Told,
     instants: Places,
     magnetometer: bool = True,
+    left: Sequence[Error] = (),
 ) -> FilterPrediction:
-    """Error of the reference filter at some rows, by source; of fewer sensors too."""
+    """Error of the reference filter at some rows, by source; of fewer sensors too.
+
+    With what is `left` of calibrations beside the gyroscope's own.
+    """
     truth = model_of(sensors.told(way), magnetometer)
     path = way.path
     calibration = CalibrationError(
@@ -72,6 +77,7 @@ def prediction(
         told=model_of(told, magnetometer),
         errors=(
             calibration,
+            *left,
             RowError(of=GYROSCOPE, rows=missed(way)),
             RowError(of=ACCELEROMETER, rows=way.acceleration),
             *([RowError(of=MAGNETOMETER, rows=way.iron)] if magnetometer else ()),

@@ -15,43 +15,39 @@ import numpy as np
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure
-from simval.imu.filters.signals import Told
+from simval.imu.filters.signals import FilterInput
 from simval.plugins import Filter, find_plugin
-from simval.results import Outcome, Rows, beyond, unjudged
+from simval.results import Outcome, beyond, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.filter import answers_of, moved
+from simval.studies.filter import (
+    BLOCK,
+    REFERENCE,
+    Filtering,
+    moved,
+)
+from simval.studies.filter import Parameters as Filtered
 from simval.studies.filter_errors import predicted_rows
 from simval.studies.filter_prediction import (
     ACCELEROMETER,
     GYROSCOPE,
     MAGNETOMETER,
-    missed,
     model_of,
+    prediction,
     second_order,
 )
-from simval.studies.filter_scenarios import Course, Imperfect, Simulated, course, drawn
+from simval.studies.filter_scenarios import Course, Wrong, drawn
 from simval.studies.study import Cost, StudyParameters, described, ranged, refusing
 from simval.studies.trials import Drawn, drawn_rows
-from simval.theory import CalibrationError, RowError, filter_prediction
-from simval.theory.filter_settings import (
-    NOISE,
-    WALK,
-    FilterCase,
-    FilterSettings,
-    honest_settings,
-)
+from simval.theory import CalibrationError
+from simval.theory.filter_settings import NOISE, WALK, FilterCase, honest_settings
 
 TITLE = (
     "Settings of a filter: does the prediction hold, and are the settings found right?"
 )
 SECTION = "settings"
 
-BLOCK = 8  # trials; part of the promise of equal bits
 RATE, SECONDS = 50.0, 20.0
-SHARES = {ACCELEROMETER: 2e-3, MAGNETOMETER: 5e-3}
-"""Noise of a row, of gravity and of the field."""
-RATE_WALK, BIAS_STD, START_STD = 2e-5, 1e-3, 5e-3  # rad/s^2 per root Hz, rad/s, rad
 TIMES = {"true noise": 1.0, "twice": 2.0, "tenfold": 10.0}
 """Factor of N and K, where it is not found."""
 
@@ -92,102 +88,74 @@ class Parameters(StudyParameters):
 @refusing("lower the errors")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
-    way = course(parameters.motion, RATE, SECONDS)
-    sensors = sensors_of(parameters, way)
-    case = case_of(parameters, way, sensors)
-    found = None if parameters.setting in TIMES else honest_settings([case])
-    if found is None:
-        factors = dict.fromkeys((NOISE, WALK), TIMES[parameters.setting])
-    else:
-        factors = found.factors
-    model = case.told(factors)
-    told = replace(
-        sensors.told(way),
-        gyroscope_noise=float(model.gyroscope_noise[0]),
-        gyroscope_walk=float(model.gyroscope_walk[0]),
-        accelerometer_noise=float(model.sensors[0].std[0]),
-        magnetometer_noise=float(model.sensors[1].std[0]),
-    )
-    blocks = range(-(-parameters.trials // BLOCK))
-    draws, errors = zip(
-        *(
-            readings(parameters, way, sensors, told, streams.block(block))
-            for block in blocks
-        ),
-        strict=True,
-    )
-    plugin = find_plugin("simval:mekf", Filter)
+    plugin = find_plugin(REFERENCE, Filter)
     assert plugin.world is not None  # the reference filter declares its own
-    answers = answers_of(plugin, plugin.world, way, draws)
-    theory = filter_prediction(
-        case.path, case.truth, told=model, keep=answers.rows,
-        errors=(*case.errors, RowError(of=GYROSCOPE, rows=missed(way))),
+    right = Filtered(
+        scenario=parameters.motion, rate=RATE, seconds=SECONDS,
+        angle_random_walk=parameters.angle_random_walk, trials=parameters.trials,
     )  # fmt: skip
-    left = second_order(way, sensors, theory)
+    cell = Filtering(plugin, right, streams)
+    case = case_of(parameters, cell)
+    factors = dict.fromkeys((NOISE, WALK), TIMES.get(parameters.setting, 1.0))
+    found: list[float] = []
+    if parameters.setting not in TIMES:
+        factors = honest_settings([case]).factors
+        found = [factors.get(name, 1.0) for name in FACTORS]
+    N, force, field, K = (factors.get(name, 1.0) for name in FACTORS)
+    walk = K * cell.told.gyroscope_walk
+    cell.told = replace(Wrong(N, force, field).told(cell.told), gyroscope_walk=walk)
+    blocks = range(-(-parameters.trials // BLOCK))
+    draws = [readings(parameters, cell, streams.block(block)) for block in blocks]
+    cell.draws = [(given, bias) for given, bias, _ in draws]
+    answers = cell.trials(plugin.world)
+    at = cell.way, cell.sensors, cell.told, answers.rows
+    theory = prediction(*at, left=case.errors)
+    left = second_order(cell.way, cell.sensors, theory)
     rows = predicted_rows(answers, theory, True, left)
     rows = beyond(rows, moved("the second order", left.max()))
-    rows += drawn_rows([{"calibrations": Drawn.of(np.concatenate(errors))}])
-    return Outcome(rows=(*rows, *setting_rows(found)))
+    errors = np.concatenate([each for *_, each in draws])
+    rows += drawn_rows([{"calibrations": Drawn.of(errors)}])
+    rows += unjudged(stat.NOISE_FACTOR.each(FACTORS), found) if found else ()
+    return Outcome(rows=rows)
 
 
-def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
-    """The sensors as they are."""
-    return Imperfect(
-        gyroscope_noise=float(np.radians(parameters.angle_random_walk)),
-        gyroscope_walk=RATE_WALK,
-        accelerometer_noise=SHARES[ACCELEROMETER] * way.g,
-        magnetometer_noise=SHARES[MAGNETOMETER] * way.strength,
-        start_std=START_STD, bias_std=BIAS_STD, M=np.eye(3), calibration_std=0.0,
-    )  # fmt: skip
+FACTORS = (NOISE, ACCELEROMETER, MAGNETOMETER, WALK)
 
 
-def case_of(parameters: Parameters, way: Course, sensors: Imperfect) -> FilterCase:
+def vectors_of(way: Course) -> dict[str, tuple[Float[Array, "T 3"], float]]:
+    """What each vector sensor reads, and its length."""
+    return {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, way.strength)}
+
+
+def case_of(parameters: Parameters, cell: Filtering) -> FilterCase:
     """The motion as theory has it, with what calibrations leave."""
-    found = [
-        CalibrationError(
-            of=GYROSCOPE, covariance=parameters.gyroscope_error**2 * np.eye(9)
-        )
-    ]
-    sizes = {ACCELEROMETER: way.g, MAGNETOMETER: way.strength}
-    for name, size in sizes.items():
+    way = cell.way
+    left = {GYROSCOPE: parameters.gyroscope_error**2 * np.eye(9)}
+    for name, (_, size) in vectors_of(way).items():
         variances = np.repeat([1.0, size**2], [9, 3])
-        covariance = parameters.vector_error**2 * np.diag(variances)
-        found.append(CalibrationError(of=name, covariance=covariance))
+        left[name] = parameters.vector_error**2 * np.diag(variances)
     return FilterCase(
         path=way.path,
-        truth=model_of(sensors.told(way), True),
-        errors=tuple(found),
+        truth=model_of(cell.told, True),
+        errors=tuple(CalibrationError(of=n, covariance=C) for n, C in left.items()),
     )
 
 
 def readings(
-    parameters: Parameters,
-    way: Course,
-    sensors: Imperfect,
-    told: Told,
-    rng: np.random.Generator,
-) -> tuple[Simulated, Float[Array, "n 33"]]:
-    """Readings of a block and the bias, and the calibration errors in deviations."""
-    given, bias = drawn(way, sensors, told, BLOCK, rng)
-    errors = rng.standard_normal((BLOCK, 33))
-    E = errors[:, :27].reshape(BLOCK, 3, 3, 3)
-    offset = errors[:, 27:].reshape(BLOCK, 2, 3)
+    parameters: Parameters, cell: Filtering, rng: np.random.Generator
+) -> tuple[FilterInput, Float[Array, "n T 3"], Float[Array, "n 33"]]:
+    """Readings of a block, the bias, and the calibration errors in their deviations."""
+    way, count = cell.way, BLOCK
+    given, bias = drawn(way, cell.sensors, cell.told, count, rng)
+    errors = rng.standard_normal((count, 33))
+    E = errors[:, :27].reshape(count, 3, 3, 3).mT
+    offset = errors[:, 27:].reshape(count, 2, 1, 3)
     turned = parameters.gyroscope_error * way.rate
-    more: dict[str, Any] = {GYROSCOPE: given.gyroscope + turned @ E[:, 0].mT}
-    vectors = {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, way.strength)}
-    for k, (name, (vector, size)) in enumerate(vectors.items()):
-        off = vector @ E[:, k + 1].mT + size * offset[:, k, None]
+    more: dict[str, Any] = {GYROSCOPE: given.gyroscope + turned @ E[:, 0]}
+    for k, (name, (vector, size)) in enumerate(vectors_of(way).items()):
+        off = vector @ E[:, k + 1] + size * offset[:, k]
         more[name] = getattr(given, name) + parameters.vector_error * off
-    return (replace(given, **more), bias), errors
-
-
-def setting_rows(found: FilterSettings | None) -> Rows:
-    """Factors that were found, and whether they are honest."""
-    if found is None:
-        return ()
-    names = ("N", ACCELEROMETER, MAGNETOMETER, "K")
-    factors = [found.factors.get(name, 1.0) for name in names]
-    return unjudged(stat.NOISE_FACTOR.each(names), factors)
+    return replace(given, **more), bias, errors
 
 
 _OVER_ERROR = Figure(

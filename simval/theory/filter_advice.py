@@ -26,31 +26,32 @@ from simval.theory.filter_settings import (
     FilterCase,
     FilterEffect,
     FilterSettings,
-    budget,
     effect,
     honest_settings,
-    name_of,
 )
 from simval.units import DEGREE, OF_A_DATA_SHEET, PERCENT, Unit
 
 TRUE: Final = "the true noise"
-RULES: Final = (2.0, 10.0)
-"""Factors of the gyroscope's noise that are passed on as rules of thumb."""
+OTHERS: Final[Mapping[str, Factors]] = {TRUE: {}} | {
+    f"{x:g} times the gyroscope's noise": {NOISE: x, WALK: x} for x in (2.0, 10.0)
+}
+"""Factors of the true noise, and those that are passed on as rules of thumb."""
 HALF: Final = 0.5
 NO_GAIN: Final = 0.99  # of an error over that of now
 RIGHT: Final = 0.055  # logarithm of an error that is stated as right: 5 %
 UNEVEN: Final = 5.0  # times of an error about one axis, stated, that are said
+FORCE, FIELD = Unit("mm/s²", 1e3), Unit("µT", 1e6)
 GIVEN: Final = {
     NOISE: ("gyroscope noise N", OF_A_DATA_SHEET["gyro"]["N"]),
     WALK: ("gyroscope walk K", OF_A_DATA_SHEET["gyro"]["K"]),
-    "accelerometer": ("accelerometer noise, a row", Unit("mm/s²", 1e3)),
-    "magnetometer": ("magnetometer noise, a row", Unit("µT", 1e6)),
+    "accelerometer": ("accelerometer noise, a row", FORCE),
+    "magnetometer": ("magnetometer noise, a row", FIELD),
 }
 """Words and unit of what a filter is given."""
 SHIFTED: Final = {
     GYROSCOPE: ("scale of the gyroscope", PERCENT),
-    "accelerometer": ("offset of the accelerometer", Unit("mm/s²", 1e3)),
-    "magnetometer": ("offset of the magnetometer", Unit("µT", 1e6)),
+    "accelerometer": ("offset of the accelerometer", FORCE),
+    "magnetometer": ("offset of the magnetometer", FIELD),
 }
 
 
@@ -65,13 +66,11 @@ class FilterAdvice(ReadOnly, Told):
     band : (float, float)
         NEES of an honest covariance.
     settings : FilterSettings
-        What should be given.
+        What should be given; its effect has the error by source.
     bound : float
         Error with perfect calibrations and the true noise given, rad per axis.
     others : mapping of str to FilterEffect
         What the true noise and rules of thumb achieve.
-    sources : mapping of str to float
-        Error with the settings by source, rad per axis; the squares add up.
     halves : mapping of str to float
         Error over that of now, with half of one source and settings found anew.
     shifts : mapping of str to float
@@ -85,7 +84,6 @@ class FilterAdvice(ReadOnly, Told):
     settings: FilterSettings
     bound: float
     others: Mapping[str, FilterEffect]
-    sources: Mapping[str, float]
     halves: Mapping[str, float]
     shifts: Mapping[str, float]
     ends: tuple[FilterEffect, ...]
@@ -107,7 +105,7 @@ class FilterAdvice(ReadOnly, Told):
             "effects": {name: x.as_object() for name, x in effects.items()},
             "interval": [each.as_object() for each in self.ends],
             "bound": self.bound,
-            "sources": dict(self.sources),
+            "sources": dict(self.settings.effect.sources),
             "with_half": dict(self.halves),
             "as_large_alone": dict(self.shifts),
         }
@@ -149,44 +147,38 @@ def filter_advice(
         As of `honest_settings`.
     """
     found = honest_settings(cases, band=band, parts=parts)
-    x, first = found.factors, cases[0]
-    others = {TRUE: effect(cases, {})}
-    for times in RULES:
-        more = dict.fromkeys((NOISE, WALK), times)
-        others[f"{times:g} times the gyroscope's noise"] = effect(cases, more)
+    x, sensors = found.factors, [each.name for each in cases[0].truth.sensors]
     few = [case.coarse(COARSE // len(cases)) for case in cases]
 
-    def anew(by: Factors) -> float:
+    def anew(*names: str) -> float:
+        by = dict.fromkeys(names, HALF)
         begin = {n: min(f / by.get(n, 1.0), 10.0**MOST) for n, f in x.items()}
         half = [case.scaled(by) for case in few]
         again = honest_settings(half, band=band, parts=parts, start=begin)
         return again.effect.worst
 
-    now = anew({})
-    halves = {"gyroscope noise": anew({NOISE: HALF, WALK: HALF})}
-    halves |= {f"{s.name} noise": anew({s.name: HALF}) for s in first.truth.sensors}
-    halves |= {name_of(each): anew({name_of(each): HALF}) for each in first.errors}
+    halves = {"gyroscope noise": (NOISE, WALK)} | {f"{s} noise": (s,) for s in sensors}
+    halves |= {each.name: (each.name,) for each in cases[0].errors}
+    now = anew()
     # one unit of each axis: of the scales, and of the offsets
-    units = {GYROSCOPE: np.eye(3).ravel()}
-    units |= {s.name: np.repeat([0.0, 1.0], [9, 3]) for s in first.truth.sensors}
-    unit_errors = tuple(
+    units = dict.fromkeys(sensors, np.repeat([0.0, 1.0], [9, 3]))
+    alone = tuple(
         CalibrationError(of=name, covariance=np.diag(one))
-        for name, one in units.items()
+        for name, one in ({GYROSCOPE: np.eye(3).ravel()} | units).items()
     )
-    alone = budget([replace(case, errors=unit_errors) for case in cases], x)
+    each = effect([replace(case, errors=alone) for case in cases], x).sources
     return FilterAdvice(
         cases=tuple(cases),
         band=band,
         settings=found,
         bound=effect([replace(case, errors=()) for case in cases], {}).worst,
-        others=others,
-        sources=budget(cases, x),
-        halves={name: error / now for name, error in halves.items()},
-        shifts={e.of: found.effect.worst / alone[e.name] for e in unit_errors},
+        others={name: effect(cases, told) for name, told in OTHERS.items()},
+        halves={name: anew(*own) / now for name, own in halves.items()},
+        shifts={error.of: found.effect.worst / each[error.name] for error in alone},
         ends=tuple(
             effect(
                 [case.scaled(end) for case in cases],
-                {n: x.get(n, 1.0) / end.get(n, 1.0) for n in first.factors},
+                {n: x.get(n, 1.0) / end.get(n, 1.0) for n in cases[0].factors},
             )
             for end in ends
         ),
@@ -210,21 +202,15 @@ def _stated(found: FilterEffect) -> str:
     return f"states {rounded(ratio, 3)} times its error"
 
 
-def _noises(factors: Factors) -> str:
-    names = {NOISE: "gyroscope noise", WALK: "walk of its bias"}
-    some = [
-        f"{rounded(factor, 3)} times the {names.get(name, f'{name} noise')}"
-        for name, factor in factors.items()
-        if factor > 1.005
-    ]
-    return " and ".join(some) or TRUE
+def _nees(*found: FilterEffect) -> str:
+    return " to ".join(rounded(x, 3) for x in sorted(x.nees.max() for x in found))
 
 
 def advice_account(found: FilterAdvice) -> Account:
     """State advice on a filter's settings."""
-    case, settings = found.cases[0], found.settings
+    case, effect, count = found.cases[0], found.settings.effect, len(found.cases)
     seconds = sum(float(each.path.dt.sum()) for each in found.cases)
-    motions = f"{len(found.cases)} motions, of which the worst counts, "
+    several = f"{count} motions, of which the worst counts, " * (count > 1)
     sensors = ", ".join(each.name for each in case.truth.sensors)
     shifts = [
         f"{words} {rounded(unit.factor * found.shifts[name])} {unit.name}"
@@ -235,22 +221,34 @@ def advice_account(found: FilterAdvice) -> Account:
     lines = [
         Line(words, unit.name, [_cell("true", true[name]), _cell("to give", value)],
              factor=unit.factor)
-        for name, value in found.given(settings.factors).items()
+        for name, value in found.given(found.settings.factors).items()
         for words, unit in [GIVEN[name]]
         if value > 0.0
     ]  # fmt: skip
-    shares = _shares(found)
+    whole = sum(x**2 for x in effect.sources.values())
+    ordered = sorted(effect.sources.items(), key=lambda each: -each[1])
+    shares = {name: 100.0 * x**2 / whole for name, x in ordered if x > 0.0}
     sources = [
-        Line(name, "", [_cell(f"{name}, °", DEGREE.factor * found.sources[name]),
-                        _cell(f"{name}, %", 100.0 * share)])
+        Line(name, "", [_cell(f"{name}, °", DEGREE.factor * effect.sources[name]),
+                        _cell(f"{name}, %", share)])
         for name, share in shares.items()
     ]  # fmt: skip
+    source, share = next(iter(shares.items()))
     return Account(
         title="Settings of a filter",
-        said=f"{motions * (len(found.cases) > 1)}{seconds:.4g} s at "
+        said=f"{several}{seconds:.4g} s at "
         f"{1.0 / float(np.median(case.path.dt)):.4g} Hz; gyroscope, {sensors}. Errors "
         "are predicted, RMS per axis.",
-        replies=[_give(found), _cost(found), *_limit(found, shares)],
+        replies=[
+            _give(found),
+            _cost(found),
+            Reply(
+                title="What limits it?",
+                headline=f"{source[0].upper()}{source[1:]}: {rounded(share)} % of the "
+                "squared error.",
+            ),
+            _help(found.halves),
+        ],
         values=[
             Values(title="settings", lines=lines, heads=("true", "to give")),
             Values(title="error by source", lines=sources,
@@ -265,96 +263,72 @@ def _cell(name: str, value: float) -> Quantity:
     return Quantity(name, float(f"{value:.4g}"))
 
 
-def _shares(found: FilterAdvice) -> dict[str, float]:
-    """Share of the squared error by source, the greatest first."""
-    whole = sum(x**2 for x in found.sources.values())
-    ordered = sorted(found.sources.items(), key=lambda each: -each[1])
-    return {name: x**2 / whole for name, x in ordered if x > 0.0}
-
-
 def _give(found: FilterAdvice) -> Reply:
-    settings, (low, high) = found.settings, found.band
-    achieved, noises = settings.effect, _noises(settings.factors)
-    lines = [
-        f"NEES {rounded(achieved.nees.max(), 3)}, where 3 is right and {low:g} to "
-        f"{high:g} is asked.",
-        f"With perfect calibrations it would err by {_angle(found.bound)}.",
-    ]
+    (factors, achieved, honest), (low, high) = found.settings, found.band
+    names = {NOISE: "gyroscope noise", WALK: "walk of its bias"}
+    noises = " and ".join(
+        f"{rounded(factor, 3)} times the {names.get(name, f'{name} noise')}"
+        for name, factor in factors.items()
+        if factor > 1.005
+    )
+    none = "No setting makes it state its error right. The nearest is "
+    says = f"{none * (not honest)}{noises or TRUE}. It errs by"
     # NEES is a sum over the axes: one that is stated far too wide hides another
     wide = achieved.overstated
     uneven = f", but {rounded(wide)} times about one axis" * (wide > UNEVEN)
+    lines = [
+        f"NEES {_nees(achieved)}, where 3 is right and {low:g} to {high:g} is asked.",
+        f"With perfect calibrations it would err by {_angle(found.bound)}.",
+    ]
     if found.ends:
-        errors, squares = zip(
-            *((x.worst, x.nees.max()) for x in found.ends), strict=True
-        )
+        errors = " to ".join(map(_angle, sorted(each.worst for each in found.ends)))
         lines.append(
-            "With the inputs at the ends of their intervals it errs by "
-            f"{_angle(min(errors))} to {_angle(max(errors))}, NEES "
-            f"{rounded(min(squares), 3)} to {rounded(max(squares), 3)}."
+            f"With the inputs at the ends of their intervals it errs by {errors}, NEES "
+            f"{_nees(*found.ends)}."
         )
-    none = "No setting makes it state its error right. The nearest is "
-    says = f"{none * (not settings.honest)}{noises}. It errs by"
     return Reply(
         title="What should the filter be given?",
         headline=f"{says[0].upper()}{says[1:]} {_angle(achieved.worst)} and "
         f"{_stated(achieved)}{uneven}.",
-        answer="fail" if not settings.honest else "inconclusive" if uneven else "pass",
+        answer="fail" if not honest else "inconclusive" if uneven else "pass",
         do=""
-        if settings.honest
+        if honest
         else "Improve the sensor below, or accept more (--band, --parts).",
         lines=tuple(lines),
     )
 
 
-def _times(ratio: float) -> str:
-    times = rounded(ratio, 3)
-    return "" if times == "1" else f"{times} times "
-
-
 def _cost(found: FilterAdvice) -> Reply:
-    now, true = found.settings.effect.worst, found.others[TRUE]
-    said = {
-        name: f"With {name} {_angle(x.worst)}, {_times(x.worst / now)}as much; it "
-        f"{_stated(x)}"
-        for name, x in found.others.items()
-    }
-    *_, tenfold = said.values()
+    said = {}
+    for name, x in found.others.items():
+        times = rounded(x.worst / found.settings.effect.worst, 3)
+        much = f"{times} times as much" if times != "1" else "as much"
+        said[f"With {name} {_angle(x.worst)}, {much}; it {_stated(x)}"] = x
+    true, *_, tenfold = said
     return Reply(
         title="What do other settings cost?",
-        headline=f"{said[TRUE]}. {tenfold}.",
-        answer="pass" if true.nees.max() <= found.band[1] else "inconclusive",
-        lines=tuple(
-            f"{words} (NEES {rounded(found.others[name].nees.max(), 3)})."
-            for name, words in said.items()
-        ),
+        headline=f"{true}. {tenfold}.",
+        answer="pass" if said[true].nees.max() <= found.band[1] else "inconclusive",
+        lines=tuple(f"{words} (NEES {_nees(x)})." for words, x in said.items()),
     )
 
 
-def _gain(ratio: float) -> str:
-    if ratio < NO_GAIN:
-        return f"{rounded(100.0 * (1.0 - ratio))} % less error"
-    return "less than 1 %"
-
-
-def _limit(found: FilterAdvice, shares: Mapping[str, float]) -> list[Reply]:
-    source, share = next(iter(shares.items()))
-    best = sorted(found.halves.items(), key=lambda each: each[1])
-    gains = [f"{name}: {_gain(x)}" for name, x in best]
-    name, least = best[0]
-    first = gains[0] if least < NO_GAIN else "none gains 1 %"
+def _help(halves: Mapping[str, float]) -> Reply:
+    gains = [
+        f"{name}: {rounded(100.0 * (1.0 - x))} % less error"
+        if x < NO_GAIN
+        else f"{name}: less than 1 %"
+        for name, x in sorted(halves.items(), key=lambda each: each[1])
+    ]
+    name, _, gain = gains[0].partition(": ")
+    helps = gain.endswith("error")
     how = "A better part, or several averaged."
     if name.endswith("calibration"):
         how = "Four times the poses halve it, or half of their noise (simval plan)."
-    return [
-        Reply(
-            title="What limits it?",
-            headline=f"{source[0].upper()}{source[1:]}: {rounded(100.0 * share)} % of "
-            "the squared error.",
-        ),
-        Reply(
-            title="What would help most?",
-            headline=f"Half of one source, with settings found anew: {first}.",
-            do="" if name.endswith("disturbance") or least >= NO_GAIN else how,
-            lines=tuple(gains[least < NO_GAIN :]),
-        ),
-    ]
+    return Reply(
+        title="What would help most?",
+        headline="Half of one source, with settings found anew: "
+        f"{gains[0] if helps else 'none gains 1 %'}.",
+        do=how if helps and not name.endswith("disturbance") else "",
+        lines=tuple(gains[helps:]),
+    )

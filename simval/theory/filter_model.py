@@ -35,7 +35,7 @@ x being what is to be read. A constant e of a gyroscope is a part of the bias th
 filter estimates, and belongs to its start.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -394,6 +394,22 @@ class CalibrationError:
         """Name in a budget."""
         return "g-sensitivity" if self.of == G_SENSITIVITY else f"{self.of} calibration"
 
+    def times(self, factor: float) -> "CalibrationError":
+        """Return one of deviations so many times as large.
+
+        Parameters
+        ----------
+        factor : float
+            Times.
+
+        Returns
+        -------
+        CalibrationError
+            Its known mean is as it was.
+        """
+        C = self.covariance
+        return replace(self, covariance=None if C is None else factor**2 * C)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RowError:
@@ -427,6 +443,26 @@ class RowError:
     def parameters(self) -> int:
         """One: its size."""
         return 1
+
+    @property
+    def name(self) -> str:
+        """Name in a budget."""
+        return f"{self.of} disturbance"
+
+    def times(self, factor: float) -> "RowError":
+        """Return one so many times as large.
+
+        Parameters
+        ----------
+        factor : float
+            Times.
+
+        Returns
+        -------
+        RowError
+            The product.
+        """
+        return replace(self, rows=factor * self.rows)
 
 
 Error = CalibrationError | RowError

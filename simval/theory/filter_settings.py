@@ -25,8 +25,7 @@ What is answered is of the path as it is.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -59,6 +58,13 @@ GAIN: Final = 0.05
 MOST: Final = 4.0  # decades of a factor
 KEPT: Final = 250  # rows of a motion whose mean is taken
 COARSE: Final = 1000  # rows of all motions together in a search
+NEAR: Final = 0.02
+"""Logarithm of the error by which rows taken together may differ from those of the
+path; else the search goes on there."""
+INSIDE: Final = 1e-3
+"""Logarithm of NEES by which a search stays inside of the band."""
+DECADE: Final = 0.005
+"""Logarithm of the error that a decade of a factor must gain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,21 +94,19 @@ class FilterCase:
     settle: float = 2.0
 
     def __post_init__(self) -> None:
-        T = len(instance("path", self.path, FilterPath).dt)
-        names = tuple(
-            s.name for s in instance("truth", self.truth, FilterModel).sensors
-        )
-        object.__setattr__(self, "errors", check_errors(self.errors, names, T))
-        if not (N := np.min(self.truth.gyroscope_noise)) >= QUIET:
+        dt = instance("path", self.path, FilterPath).dt
+        truth = instance("truth", self.truth, FilterModel)
+        check_errors(self.errors, tuple(s.name for s in truth.sensors), len(dt))
+        if not (N := np.min(truth.gyroscope_noise)) >= QUIET:
             msg = (
                 f"`gyroscope_noise` is {N:g} rad/s/sqrt(Hz); a factor of it needs "
                 f"{QUIET:g} or more, so check its unit"
             )
             raise InputError(msg)
-        if not 0.0 <= self.settle < self.path.dt[:-1].sum():
+        if not 0.0 <= self.settle < dt[:-1].sum():
             msg = (
                 f"`settle` is {self.settle:g} s and the motion lasts "
-                f"{self.path.dt.sum():.4g} s; leave out less, or give a longer motion"
+                f"{dt.sum():.4g} s; leave out less, or give a longer motion"
             )
             raise InputError(msg)
 
@@ -114,18 +118,19 @@ class FilterCase:
 
     def told(self, factors: Factors) -> FilterModel:
         """The model that a filter is told."""
-        truth, x = self.truth, dict.fromkeys(self.factors, 1.0) | dict(factors)
+        truth = self.truth
         return replace(
             truth,
-            gyroscope_noise=x[NOISE] * truth.gyroscope_noise,
-            gyroscope_walk=x.get(WALK, 1.0) * truth.gyroscope_walk,
-            sensors=tuple(replace(s, std=x[s.name] * s.std) for s in truth.sensors),
+            gyroscope_noise=factors.get(NOISE, 1.0) * truth.gyroscope_noise,
+            gyroscope_walk=factors.get(WALK, 1.0) * truth.gyroscope_walk,
+            sensors=tuple(
+                replace(s, std=factors.get(s.name, 1.0) * s.std) for s in truth.sensors
+            ),
         )
 
     def prediction(self, factors: Factors) -> FilterPrediction:
         """Error and NEES with settings, at rows spread over the time asked of."""
-        time = np.cumsum(self.path.dt)
-        rows = np.flatnonzero(time > self.settle)
+        rows = np.flatnonzero(np.cumsum(self.path.dt) > self.settle)
         some = np.unique(np.linspace(0, len(rows) - 1, KEPT).round().astype(np.intp))
         return filter_prediction(
             self.path, self.truth, told=self.told(factors), errors=self.errors,
@@ -133,12 +138,9 @@ class FilterCase:
         )  # fmt: skip
 
     def scaled(self, by: Factors) -> "FilterCase":
-        """The same with other noise, and other errors by `name_of`."""
-        return replace(
-            self,
-            truth=self.told(by),
-            errors=tuple(_scaled(e, by.get(name_of(e), 1.0)) for e in self.errors),
-        )
+        """The same with other noise, and other errors by their names."""
+        errors = tuple(each.times(by.get(each.name, 1.0)) for each in self.errors)
+        return replace(self, truth=self.told(by), errors=errors)
 
     def coarse(self, rows: int) -> "FilterCase":
         """The same of about so many rows, each of the information of several."""
@@ -161,18 +163,6 @@ class FilterCase:
         )
 
 
-def name_of(error: Error) -> str:
-    """Name of an error in a budget, and by which it is scaled."""
-    return f"{error.of} disturbance" if isinstance(error, RowError) else error.name
-
-
-def _scaled(error: Error, times: float) -> Error:
-    if isinstance(error, RowError):
-        return replace(error, rows=times * error.rows)
-    C = error.covariance
-    return replace(error, covariance=None if C is None else times**2 * C)
-
-
 class FilterEffect(NamedTuple):
     """What a filter achieves over motions, each a mean over its rows."""
 
@@ -180,6 +170,8 @@ class FilterEffect(NamedTuple):
     nees: Float[Array, "m p"]  # by motion and part of its time; 3 where all is true
     # error over what is stated, about the axes where that is least and greatest
     axes: Float[Array, "m 2"]
+    # error by source, rad per axis, over all motions; the squares add up
+    sources: Mapping[str, float]
 
     @property
     def overstated(self) -> float:
@@ -220,32 +212,36 @@ def effect(
     Returns
     -------
     FilterEffect
-        Error and NEES by motion.
+        Error and NEES by motion, and the error by source.
+
+    Raises
+    ------
+    InputError
+        If what the filter states has no inverse.
     """
+    whole_number("parts", parts, 1, KEPT)
     rms, nees, axes = [], [], []
-    for case in cases:
-        found = case.prediction(factors)
-        white = np.linalg.inv(np.linalg.cholesky(found.told[:, :3, :3]))
-        seen = white @ found.second_moment[:, :3, :3] @ white.swapaxes(1, 2)
-        squares = np.linalg.eigvalsh(seen)[:, [0, 2]]
-        axes.append(np.sqrt(squares.mean(axis=0)))
-        rms.append(np.sqrt(np.mean(found.rms() ** 2)))
-        own = np.array_split(found.nees(3), whole_number("parts", parts, 1, KEPT))
-        nees.append([each.mean() for each in own])
-    return FilterEffect(np.array(rms), np.array(nees), np.array(axes))
-
-
-def budget(cases: Sequence[FilterCase], factors: Factors) -> dict[str, float]:
-    """Error by source, rad per axis, over all motions; the squares add up."""
     squares: dict[str, float] = {}
     for case in cases:
         found = case.prediction(factors)
+        try:
+            white = np.linalg.inv(np.linalg.cholesky(found.told[:, :3, :3]))
+        except np.linalg.LinAlgError:
+            msg = (
+                "the noises are so far apart that what the filter states has no "
+                "inverse in 16 digits; check their units, and those of the log"
+            )
+            raise InputError(msg) from None
+        seen = white @ found.second_moment[:, :3, :3] @ white.swapaxes(1, 2)
+        axes.append(np.sqrt(np.linalg.eigvalsh(seen)[:, [0, 2]].mean(axis=0)))
+        rms.append(np.sqrt(np.mean(found.rms() ** 2)))
+        nees.append([each.mean() for each in np.array_split(found.nees(3), parts)])
         P = np.trace(found.parts[:, :, :3, :3], axis1=2, axis2=3).mean(axis=1) / 3.0
-        known = float(np.mean(found.mean[:, :3] ** 2))
-        rows = zip((*found.names, "disturbance"), (*P.tolist(), known), strict=True)
-        for name, square in rows:
+        own = [*P.tolist(), float(np.mean(found.mean[:, :3] ** 2))]
+        for name, square in zip((*found.names, "disturbance"), own, strict=True):
             squares[name] = squares.get(name, 0.0) + square / len(cases)
-    return {name: float(np.sqrt(square)) for name, square in squares.items()}
+    sources = {name: float(np.sqrt(square)) for name, square in squares.items()}
+    return FilterEffect(np.array(rms), np.array(nees), np.array(axes), sources)
 
 
 class FilterSettings(NamedTuple):
@@ -301,10 +297,9 @@ def honest_settings(
                 f"must be {FINE:g} or more, so check its unit"
             )
             raise InputError(msg)
-    rows = max(1, COARSE // len(cases))
-    search = _Search([case.coarse(rows) for case in cases], (low, high), parts)
+    few = [case.coarse(max(1, COARSE // len(cases))) for case in cases]
+    search, whole = (_Search(each, (low, high), parts) for each in (few, cases))
     rough = search.all() if start is None else search.local(search.at(start))
-    whole = _Search(cases, (low, high), parts)
     best = whole.at(rough.factors)
     if best.excess.max() > 0.0 or np.abs(best.rms - rough.rms).max() > NEAR:
         best = whole.local(best)
@@ -312,46 +307,34 @@ def honest_settings(
     return FilterSettings(best.factors, found, bool(best.excess.max() <= 0.0))
 
 
-NEAR: Final = 0.02
-"""Logarithm of the error by which rows taken together may differ from those of the
-path; else the search goes on there."""
-INSIDE: Final = 1e-3
-"""Logarithm of NEES by which a search stays inside of the band."""
-DECADE: Final = 0.005
-"""Logarithm of the error that a decade of a factor must gain."""
-
-
 class _Point(NamedTuple):
     factors: dict[str, float]
     rms: Float[Array, " m"]  # logarithms
     excess: Float[Array, " c"]
 
-    @property
     def rank(self) -> tuple[float, float]:
         """How far out of the band, and the error."""
         spread = sum(np.log10([*self.factors.values()]))
         return max(0.0, self.excess.max()), float(self.rms.max()) + DECADE * spread
 
-    @property
     def penalty(self) -> float:
         """Of one number: a factor of all noise moves NEES, and the error not at all."""
-        return sum(self.rank)
+        return sum(self.rank())
 
 
-_rank, _penalty = attrgetter("rank"), attrgetter("penalty")
-
-
+@dataclass(frozen=True)
 class _Search:
     """Settings of cases in a band; what was looked at is not computed again."""
 
-    def __init__(
-        self, cases: Sequence[FilterCase], band: tuple[float, float], parts: int
-    ) -> None:
-        self.cases, self.band, self.parts = cases, band, parts
-        self.seen: dict[tuple[tuple[str, float], ...], tuple[Array, Array]] = {}
+    cases: Sequence[FilterCase]
+    band: tuple[float, float]
+    parts: int
+    seen: dict[frozenset[tuple[str, float]], tuple[Array, Array]] = field(
+        default_factory=dict
+    )
 
     def at(self, factors: Factors) -> _Point:
-        key = tuple(sorted((n, f) for n, f in factors.items() if f != 1.0))
+        key = frozenset((n, f) for n, f in factors.items() if f != 1.0)
         if key not in self.seen:
             found = effect(self.cases, factors, self.parts)
             self.seen[key] = np.log(found.rms), found.excess(self.band)
@@ -359,54 +342,49 @@ class _Search:
 
     def all(self) -> _Point:
         """A grid, two variables, and a third if it gains."""
-        first, *others = self.cases[0].factors
-        grids = {s: self.grid(first, s) for s in others if s != WALK}
-        sensor = min(grids, key=lambda s: grids[s][0].penalty)
-        two = min(map(self.local, grids[sensor]), key=_rank)
-        best = two
+        _, *others = self.cases[0].factors
+        grids = {s: self.grid(s) for s in others if s != WALK}
+        sensor = min(grids, key=lambda s: grids[s][0].penalty())
+        two = min(map(self.local, grids[sensor]), key=_Point.rank)
+        thirds = []
         for third in (each for each in others if each != sensor):
-            starts = [self.at(two.factors | {third: 2.0})]
-            if third != WALK:
-                starts += self.grid(first, sensor, third)
-            best = min(best, *map(self.local, starts), key=_rank)
-        (out, error), (left, less) = two.rank, best.rank
+            thirds.append(self.at(two.factors | {third: 2.0}))
+            thirds += self.grid(sensor, third) if third != WALK else []
+        best = min([two, *map(self.local, thirds)], key=_Point.rank)
+        (out, error), (left, less) = two.rank(), best.rank()
         return best if left < out or less < error + np.log1p(-GAIN) else two
 
-    def grid(self, first: str, *others: str) -> list[_Point]:
+    def grid(self, *sensors: str) -> list[_Point]:
         """The best of whole decades, near the band and, if it is another, within."""
         whole = [10.0**a for a in np.arange(MOST)]
-        pairs = ({first: a} | dict.fromkeys(others, b) for a in whole for b in whole)
+        pairs = ({NOISE: a} | dict.fromkeys(sensors, b) for a in whole for b in whole)
         points = [self.at(each) for each in pairs]
-        near, within = min(points, key=_penalty), min(points, key=_rank)
+        near, within = (min(points, key=k) for k in (_Point.penalty, _Point.rank))
         return [near] if near.factors == within.factors else [near, within]
 
     def local(self, start: _Point) -> _Point:
         """Least error within the band, or least out of it, from a start."""
         names, n, mine = tuple(start.factors), len(start.factors), [start]
 
-        def point(x: Float[Array, " n"]) -> _Point:
+        def room(x: Float[Array, " n"], inward: bool) -> Float[Array, " c"]:
             factors = 10.0 ** np.clip(x[:n], 0.0, MOST)
-            mine.append(self.at(dict(zip(names, factors.tolist(), strict=True))))
-            return mine[-1]
-
-        def room(x: Float[Array, " n"]) -> Float[Array, " c"]:
-            found = point(x)
+            found = self.at(dict(zip(names, factors.tolist(), strict=True)))
+            mine.append(found)
+            if inward:
+                return np.asarray(x[n] - found.excess)
             return np.append(-found.excess - INSIDE, x[n] - found.rms)
 
-        def less(x: Float[Array, " n"]) -> Float[Array, " c"]:
-            return np.asarray(x[n] - point(x).excess)
-
-        for aim in (room, less, room):
-            best = min(mine, key=_rank)
-            top = best.excess.max() if aim is less else best.rms.max()
+        for inward in (False, True, False):
+            best = min(mine, key=_Point.rank)
+            top = (best.excess if inward else best.rms).max()
             scipy.optimize.minimize(
                 lambda x: x[n] + DECADE * x[:n].sum(),
                 np.append(np.log10([*best.factors.values()]), top),
                 method="SLSQP",
                 bounds=[(0.0, MOST)] * n + [(None, None)],
-                constraints={"type": "ineq", "fun": aim},
+                constraints={"type": "ineq", "fun": room, "args": (inward,)},
                 options={"maxiter": 12, "ftol": 1e-3, "eps": 1e-3},
             )
-            if (min(mine, key=_rank).rank[0] == 0.0) != (aim is less):
+            if (min(mine, key=_Point.rank).rank()[0] == 0.0) != inward:
                 break
-        return min(mine, key=_rank)
+        return min(mine, key=_Point.rank)

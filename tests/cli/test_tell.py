@@ -4,10 +4,25 @@ import json
 
 import numpy as np
 import pytest
+import scipy
 import yaml
+from made_logs import of_scene
 
 from simval.cli import run
+from simval.cli.tell import (
+    START_STD,
+    Course,
+    calibrated,
+    case_of,
+    course_of,
+    measured,
+    noise_of,
+    sheet_errors,
+)
 from simval.errors import InputError
+from simval.geometry import attitude_matrix
+from simval.imu.calibrate import calibrate, save_calibration
+from simval.poses import fibonacci_sphere
 
 NOISE = {
     "angle-random-walk": 1.75e-4, "rate-random-walk": 2e-5,
@@ -54,8 +69,6 @@ def test_a_data_sheet(capsys, tmp_path):
 @pytest.mark.slow  # a calibration, the attitudes of a log, and two searches
 def test_a_calibration_and_a_log(capsys, tmp_path):
     """What a calibration leaves is its covariance; a log has its noise and motion."""
-    from made_logs import of_scene
-
     log, cal = of_scene(tmp_path), tmp_path / "cal.json"
     assert run(["calibrate", str(log), "--out", str(cal)]) in (0, 3)
     capsys.readouterr()
@@ -85,14 +98,9 @@ def test_a_calibration_and_a_log(capsys, tmp_path):
         (["--motion", "gimbal"], "noise of the sensors is not known"),
         (["--motion", "gimbal", *SHEET, "--scale-error", "gyro=1"], "gyroscope=0.01"),
         (["--motion", "gimbal", *SHEET, "--bias-error", "0.1"], "gyroscope=0.01"),
-        (["--motion", "gimbal", *SHEET, "--band", "3", "2"], "band"),
         (["--motion", "gimbal", *SHEET, "--settle", "9999"], "settle"),
         (["--motion", "nowhere.csv", *SHEET], "no such file"),
         (["--motion", "gimbal", *SHEET, "--scale-error", "1e200"], "0 to 1e+06"),
-        (
-            ["--motion", "gimbal", *SHEET[:4], "--velocity-random-walk", "1e-20"],
-            "noise of the accelerometer",
-        ),
     ],
 )
 def test_what_cannot_be_told(capsys, words, said):
@@ -101,47 +109,74 @@ def test_what_cannot_be_told(capsys, words, said):
     assert said in err.casefold()
 
 
-HOW = dict(columns=None, instance=None, start=None, stop=None, rate=None, units=())
+HOW = dict(columns=None, instance=None, start=None, stop=None)
+PLAIN = HOW, None, None, ()  # without a rate, a calibration or units
+
+
+def course(angle, hertz=10.0, **more):
+    """A turn about x by angles, at so many rows a second."""
+    q = np.column_stack(
+        [np.sin(angle / 2), *np.zeros((2, len(angle))), np.cos(angle / 2)]
+    )
+    felt = more.pop("felt", np.zeros((len(q) - 1, 3)))
+    return Course("m", np.arange(len(q)) / hertz, q, felt, **more)
+
+
+def attitudes(folder, q, hertz, names="qx,qy,qz,qw"):
+    file = folder / "poses.csv"
+    rows = np.column_stack([np.arange(len(q)) / hertz, q])
+    np.savetxt(file, rows, delimiter=",", header=f"t,{names}", comments="")
+    return file
+
+
+@pytest.mark.ci  # a search of a hundred rows
+def test_no_setting_is_right_in_every_part(capsys, tmp_path):
+    """The exit code says so, and the answer."""
+    angle = np.cumsum(np.where(np.arange(101) < 50, 0.2, 0.0))
+    turning = course(angle).attitude
+    file = attitudes(tmp_path, turning, 5.0)
+    code, found, _ = told(
+        capsys, "--motion", str(file), *SHEET[:6], "--rate", "5", "--parts", "4",
+        "--band", "2.99", "3", "--scale-error", "gyroscope=0.01",
+    )  # fmt: skip
+    assert code == 3
+    assert found["answers"][0]["answer"] == "fail"
 
 
 def test_too_few_attitudes_are_not_taken_for_a_log(tmp_path):
     """What is wrong with the attitudes, and no word of an accelerometer's columns."""
-    from simval.cli.tell import course_of
-
-    file = tmp_path / "few.csv"
-    file.write_text("t,qx,qy,qz,qw\n" + "".join(f"{k},0,0,0,1\n" for k in range(6)))
+    file = attitudes(tmp_path, np.tile([0.0, 0.0, 0.0, 1.0], (6, 1)), 1.0)
     with pytest.raises(InputError, match=r"and 50 are needed.*\(--columns\)"):
-        course_of(str(file), None, HOW)
+        course_of(str(file), *PLAIN)
 
 
 def test_the_part_that_turns_most_is_taken():
-    from simval.cli.tell import Course
-
-    angle = np.cumsum(np.where((np.arange(61) > 30) & (np.arange(61) <= 40), 0.1, 1e-3))
-    q = np.column_stack([np.sin(angle / 2), *np.zeros((2, 61)), np.cos(angle / 2)])
-    found = Course("m", np.arange(61) / 10.0, q, {}).taken(10.0, 10)
+    steps = np.arange(61)
+    angle = np.cumsum(np.where((steps > 30) & (steps <= 40), 0.1, 1e-3))
+    found = course(angle).taken(10.0, 10)
     assert found.time[0] == pytest.approx(3.0)
     assert "3 to 4 s turn most" in found.said[-1].words
 
 
-def test_without_a_magnetometer_the_heading_is_that_of_the_start():
-    from simval.cli.tell import START_STD, Course, case_of, sheet_errors
-    from simval.geometry import attitude_matrix
+def test_a_row_of_several_feels_their_mean():
+    felt = np.arange(60.0).reshape(20, 3)
+    found = course(np.zeros(21), 100.0, felt=felt).taken(25.0, 100)
+    np.testing.assert_allclose(found.felt, felt.reshape(5, 4, 3).mean(axis=1))
 
-    q = np.tile(np.array([0.3, -0.2, 0.1, np.sqrt(0.86)]), (41, 1))
-    course, errors = Course("m", np.arange(41) / 10.0, q, {}), sheet_errors([], [], [])
-    white = {"N": 1e-3, "accelerometer": 1e-2}
-    up = attitude_matrix(q[0])[:, 2]
-    P = case_of(course, white, errors, 1.0).truth.start[:3, :3]
+
+def test_without_a_magnetometer_the_heading_is_that_of_the_start():
+    way = course(np.full(41, 0.7))
+    white = {"N": 1e-3, "K": 0.0, "accelerometer": 1e-2, "magnetometer": 0.0}
+    up = attitude_matrix(way.attitude[0])[:, 2]
+    P = case_of(way, white, [], 5e-3, 1.0).truth.start[:3, :3]
     np.testing.assert_allclose(P, START_STD**2 * (np.eye(3) - np.outer(up, up)))
-    P = case_of(course, white | {"magnetometer": 1e-7}, errors, 1.0).truth.start
-    np.testing.assert_allclose(P[:3, :3], START_STD**2 * np.eye(3))
+    P = case_of(way, white | {"magnetometer": 1e-7}, [], 5e-3, 1.0).truth.start
+    variances = np.repeat([START_STD**2, 25e-6], 3)
+    np.testing.assert_allclose(P, np.diag(variances))
 
 
 def test_a_walk_that_a_rest_cannot_show_is_said(capsys, tmp_path):
     """It doubles the variance of the mean of the rest, N^2/T + K^2 T/3."""
-    from simval.cli.tell import measured
-
     rows = 3000
     white = np.random.default_rng(2).standard_normal((rows, 6)) * np.repeat(
         [0.02, 1e-3], 3
@@ -161,65 +196,76 @@ def test_a_walk_that_a_rest_cannot_show_is_said(capsys, tmp_path):
     assert ends[0]["K"] < 1.0 < ends[1]["K"]
 
 
-def test_a_field_of_one_has_the_strength_of_the_motion(tmp_path):
-    """Shares stay, and the matrix is to tesla."""
-    from simval.cli.tell import calibrated
-    from simval.imu.calibrate import calibrate, save_calibration
-    from simval.poses import fibonacci_sphere
+def test_of_several_logs_the_largest_noise_counts():
+    """Of each kind; that of the last, or of the first, is not taken for all."""
+    each = [
+        {"N": 1.0, "K": 5.0, "accelerometer": 3.0},
+        {"N": 2.0, "accelerometer": 1.0},
+    ]
+    ways = [course(np.zeros(3), white=white) for white in (*each, {})]
+    white, _, facts = noise_of(ways, None, {}, {"K": 7.0})
+    assert white == {"N": 2.0, "K": 7.0, "accelerometer": 3.0, "magnetometer": 0.0}
+    assert any("largest" in fact.words and fact.notable for fact in facts)
+    assert noise_of(ways[:1], None, {}, {})[2] == []
 
+
+@pytest.mark.parametrize("known", [True, False])
+def test_what_a_calibration_leaves(tmp_path, known):
+    """A field of 1 has the motion's strength, and shares stay; a scatter's interval."""
     file, s = tmp_path / "c.json", 1e-3
-    save_calibration(file, calibrate(9.8 * fibonacci_sphere(12), 9.8, noise_std=1e-3))
+    rng = np.random.default_rng(0)
+    poses = 9.8 * fibonacci_sphere(12)
+    poses = poses + s * rng.standard_normal(poses.shape)
+    fit = calibrate(poses, 9.8, noise_std=s if known else None)
+    save_calibration(file, fit)
     document = json.loads(file.read_text())
     document["magnetometer"] = {
         "M": (2.0 * np.eye(3)).tolist(), "field": 0.5,
         "covariance": (s**2 * np.eye(13)).tolist(),
     }  # fmt: skip
     file.write_text(json.dumps(document))
-    M, C = calibrated(file, 4e-5)["magnetometer"]
-    np.testing.assert_allclose(M, 2.0 * 4e-5 / 0.5 * np.eye(3))
-    np.testing.assert_allclose(np.diagonal(C)[:9], (s / 2.0) ** 2)
+    M, (accelerometer, magnetometer), ends = calibrated(file, np.array([0, 0, 4e-5]))
+    np.testing.assert_allclose(M["magnetometer"], 2.0 * 4e-5 / 0.5 * np.eye(3))
+    variances = np.diagonal(magnetometer.covariance)
+    np.testing.assert_allclose(variances[:9], (s / 2.0) ** 2)
     # an offset of the reading by s, in tesla
-    np.testing.assert_allclose(np.diagonal(C)[9:], (s * M[0, 0]) ** 2)
-
-
-def test_a_row_of_several_feels_their_mean():
-    from simval.cli.tell import Course
-
-    felt = np.arange(60.0).reshape(20, 3)
-    q = np.tile([0.0, 0.0, 0.0, 1.0], (21, 1))
-    course = Course("m", np.arange(21) / 100.0, q, {}, felt)
-    found = course.taken(25.0, 100)
-    np.testing.assert_allclose(found.felt, felt.reshape(5, 4, 3).mean(axis=1))
-    assert course.taken(100.0, 100).felt is not None
+    np.testing.assert_allclose(variances[9:], (s * M["magnetometer"][0, 0]) ** 2)
+    if known:
+        assert ends == [{}, {}]
+        return
+    # chi-square of 3 degrees of freedom over them is seen / true, of the variances
+    low, high = (end[accelerometer.name] for end in ends)
+    chi2 = scipy.stats.chi2(fit.dof)
+    assert chi2.cdf(fit.dof / low**2) == pytest.approx(0.975)
+    assert chi2.cdf(fit.dof / high**2) == pytest.approx(0.025)
+    document["magnetometer"]["covariance"] = 5
+    file.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"magnetometer.*covariance"):
+        calibrated(file, np.array([0, 0, 4e-5]))
 
 
 @pytest.mark.slow  # a log is calibrated, and followed by the filter
 def test_a_log_without_a_clock_has_the_rate_that_is_stated(tmp_path):
-    from made_logs import of_scene
-
-    from simval.cli.tell import course_of
-
+    """Its noise is that of the rests, whatever the filter that follows it is given."""
     rows = [line.split(",") for line in of_scene(tmp_path).read_text().splitlines()]
     bare = tmp_path / "bare.csv"
     bare.write_text("\n".join(",".join(row[1:7]) for row in rows))
-    how = HOW | dict(rate=100.0, units=("m/s^2", "rad/s"))
-    assert course_of(str(bare), None, how).rate == pytest.approx(100.0)
+    units = "0.0024", "0.0011"
+    found = course_of(str(bare), HOW, 100.0, None, units)
+    assert found.rate == pytest.approx(100.0)
+    assert found.white["accelerometer"] == pytest.approx(9.6e-4, rel=0.1)
+    assert any("scatter in" in fact.words for fact in found.noise)
     with pytest.raises(InputError, match="--rate"):
-        course_of(str(bare), None, how | dict(rate=None))
+        course_of(str(bare), HOW, None, None, units)
 
 
 @pytest.mark.parametrize("order", ["qx,qy,qz,qw", "qw,qx,qy,qz"])
 def test_a_file_of_attitudes_is_a_motion(tmp_path, order):
     """Body to world, scalar first or last: those of the file, one row in two."""
-    from simval.cli.tell import course_of
-
     q = np.random.default_rng(0).standard_normal((101, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    time = np.arange(101) / 50.0
-    rows = np.column_stack([time, np.roll(q, order.startswith("qw"), axis=1)])
-    file = tmp_path / "poses.csv"
-    np.savetxt(file, rows, delimiter=",", header=f"t,{order}", comments="")
-    found = course_of(str(file), None, HOW).taken(25.0, 40)
+    file = attitudes(tmp_path, np.roll(q, order.startswith("qw"), axis=1), 50.0, order)
+    found = course_of(str(file), *PLAIN).taken(25.0, 40)
     assert found.rate == pytest.approx(25.0)
     assert len(found.time) == len(found.attitude) == 41
     first = round(found.time[0] * 50.0)
@@ -227,10 +273,13 @@ def test_a_file_of_attitudes_is_a_motion(tmp_path, order):
 
 
 def test_numbers_of_sensors():
-    from simval.cli.tell import by_sensor
-
-    assert by_sensor("--scale-error", ["0.01", "gyroscope=0.02"]) == {
-        "gyroscope": 0.02, "accelerometer": 0.01, "magnetometer": 0.01,
-    }  # fmt: skip
-    with pytest.raises(InputError, match="--scale-error"):
-        by_sensor("--scale-error", ["gyroscope=-1"])
+    """Of one or of all, the last counts; where each stands."""
+    stated = {"--scale-error": ["0.01", "gyroscope=0.02"], "--misalignment": ["0.03"],
+              "--bias-error": ["gyroscope=0.5", "magnetometer=0.25"]}  # fmt: skip
+    found, bias = sheet_errors(stated)
+    assert bias == 0.5
+    sd = {each.of: np.sqrt(np.diagonal(each.covariance)) for each in found}
+    for name, scale, offset in (("gyroscope", 0.02, []), ("accelerometer", 0.01, 0.0),
+                                ("magnetometer", 0.01, 0.25)):  # fmt: skip
+        matrix = 0.03 + (scale - 0.03) * np.eye(3).ravel()
+        np.testing.assert_allclose(sd[name], [*matrix, *np.tile(offset, 3)])

@@ -1,28 +1,19 @@
-"""Settings that are honest: by the predictions' own laws, a grid, and simulation."""
+"""Settings that are honest: by the predictions' own laws, and a grid."""
 
 import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_paths import FIELD, UP, G, wobble
-from filter_trials import NOISE, gimbal, model_of, normalised
+from filter_paths import FIELD, UP, wobble
+from filter_trials import gimbal, model_of
 
 from simval.errors import InputError
-from simval.geometry import (
-    attitude_matrix,
-    compose,
-    conjugate,
-    from_rotation_vector,
-    rotation_vector,
-)
-from simval.imu.filters import Mekf
 from simval.theory import CalibrationError, RowError, filter_prediction
 from simval.theory.filter_settings import (
     BAND,
     FilterCase,
     FilterEffect,
-    budget,
     effect,
     honest_settings,
 )
@@ -131,12 +122,13 @@ def test_the_budget_adds_up(short):
     rows = 0.1 * np.ones((80, 3))
     moved = (*short.errors, RowError(of="accelerometer", rows=rows))
     case = replace(short, errors=moved)
-    parts = budget([case], {"N": 3.0})
+    found = effect([case], {"N": 3.0})
+    parts = found.sources
     whole = np.sqrt(sum(part**2 for part in parts.values()))
-    assert whole == pytest.approx(effect([case], {"N": 3.0}).worst, rel=1e-9)
+    assert whole == pytest.approx(found.worst, rel=1e-9)
     assert parts["disturbance"] > 0.0
     half = case.scaled({"gyroscope calibration": 0.5, "accelerometer disturbance": 2.0})
-    fewer = budget([half], {"N": 3.0})
+    fewer = effect([half], {"N": 3.0}).sources
     for name, times in (("gyroscope calibration", 0.5), ("disturbance", 2.0)):
         assert fewer[name] == pytest.approx(times * parts[name], rel=1e-9)
 
@@ -171,14 +163,15 @@ def test_a_sensor_without_noise_is_refused(short):
     """Where a search would end in a matrix that cannot be inverted."""
     with pytest.raises(InputError, match="noise of the accelerometer is"):
         honest_settings([short.scaled({"accelerometer": 1e-12})])
-    with pytest.raises(InputError, match="`gyroscope_noise`"):
-        short.scaled({"N": 1e-300})
+    sensors = short.truth.sensors[:1]
+    loud = replace(short.truth, sensors=sensors, gyroscope_noise=100.0)
+    with pytest.raises(InputError, match="has no inverse"):
+        effect([replace(short, truth=loud)], {})
 
 
 def test_a_band_is_above_for_each_motion_and_below_for_their_mean():
-    found = FilterEffect(
-        np.ones(2), np.array([[2.0, 4.0], [1.0, 3.0]]), np.ones((2, 2))
-    )
+    square = np.array([[2.0, 4.0], [1.0, 3.0]])
+    found = FilterEffect(np.ones(2), square, np.ones((2, 2)), {})
     high, low = np.log(np.array([2.0, 4.0, 1.0, 3.0]) / 3.3), np.log([1.0, 1.5 / 3.5])
     np.testing.assert_allclose(found.excess((1.5, 3.3)), [*high, *low], atol=1e-15)
 
@@ -191,59 +184,6 @@ def test_a_band_that_is_none(short, band):
         honest_settings([])
 
 
-def simulated(case, factors, n, seed):
-    """RMS and NEES of the reference filter over n trials, and their standard errors.
-
-    Each trial draws its own calibration errors, start, biases and noise. The rates are
-    the turns of the steps, so the filter has no coning to add.
-    """
-    rng, noise = np.random.default_rng(seed), NOISE
-    q, h = case.path.attitude, case.path.dt[:, None, None]
-    off = {
-        each.of: rng.multivariate_normal(
-            np.zeros(len(each.covariance)), each.covariance, n, method="cholesky"
-        )
-        for each in case.errors
-    }
-
-    def read(name, x, sd):
-        """(T, n, 3)"""
-        found = x[:, None] + sd * rng.standard_normal((len(x), n, 3))
-        if name in off:
-            E = off[name][:, :9].reshape(n, 3, 3)
-            found += np.einsum("nij,tj->tni", E, x)
-            found += off[name][:, 9:] if off[name].shape[1] > 9 else 0.0
-        return found
-
-    A = attitude_matrix(q[1:])
-    rate = rotation_vector(compose(conjugate(q[:-1]), q[1:])) / h[:, 0]
-    walk = (
-        NOISE["gyroscope_walk"] * np.sqrt(h) * rng.standard_normal((len(q) - 1, n, 3))
-    )
-    bias = noise["bias_std"] * rng.standard_normal((n, 3)) + np.cumsum(walk, axis=0)
-    gyroscope = read("gyroscope", rate, noise["gyroscope_noise"] / np.sqrt(h)) + bias
-    force = read("accelerometer", A @ UP, noise["accelerometer_noise"])
-    field = read("magnetometer", A @ FIELD, noise["magnetometer_noise"])
-    turn = from_rotation_vector(noise["start_std"] * rng.standard_normal((n, 3)))
-    told = {
-        key: value * factors.get(name, 1.0)
-        for name, (key, value) in zip(
-            ("N", "K", "accelerometer", "magnetometer"), noise.items(), strict=False
-        )
-    }
-    start = compose(np.broadcast_to(q[0], (n, 4)), turn)
-    ours = Mekf(start=start, gravity=G, field=FIELD, coning=False, **{**noise, **told})
-    found = ours.update_rows(case.path.dt, gyroscope, force, field)
-    rows = np.cumsum(case.path.dt) > case.settle
-    truth = np.broadcast_to(q[1:][rows][:, None], (rows.sum(), n, 4))
-    e = rotation_vector(compose(conjugate(found["attitude"][rows]), truth))
-    nees = normalised(e, found["covariance"][rows][..., :3, :3]).mean(axis=0)
-    square = (e**2).mean(axis=(0, 2))
-    rms = np.sqrt(square.mean())
-    sd = square.std(ddof=1) / np.sqrt(n) / 2.0 / rms
-    return rms, sd, nees.mean(), nees.std(ddof=1) / np.sqrt(n)
-
-
 # what is left of each calibration, each entry and offset; the error that was predicted
 # by the trial of this search before it was written, mdeg
 CASES = {
@@ -254,9 +194,10 @@ CASES = {
 }
 
 
-@pytest.mark.slow  # searches of four thousand rows, and 200 trials of each
+@pytest.mark.slow  # searches of four thousand rows
 @pytest.mark.parametrize("name", CASES)
-def test_honest_settings_are_honest_in_trials_that_the_search_did_not_see(name):
+def test_settings_are_found_soon_and_as_good_as_those_of_another_search(name):
+    """That they are right in trials is asked by the study `told`."""
     sizes, known = CASES[name]
     case = FilterCase(path=gimbal().path, truth=model_of(), errors=left(*sizes))
     begun = time.process_time()
@@ -264,11 +205,4 @@ def test_honest_settings_are_honest_in_trials_that_the_search_did_not_see(name):
     assert time.process_time() - begun < 10.0
     assert found.honest
     assert 1e3 * np.degrees(found.effect.worst) < 1.01 * known
-    rms, rms_sd, nees, nees_sd = simulated(case, found.factors, 200, seed=5)
-    # 4 standard errors: of 8 comparisons 5e-4 are beyond; the search's rows are a
-    # sixteenth of all, and theory of first order: 2 %
-    assert abs(rms - found.effect.worst) < 4.0 * rms_sd + 0.02 * rms
-    assert abs(nees - found.effect.nees.mean()) < 4.0 * nees_sd + 0.02 * nees
-    # power: the truth told is not what was seen
-    told = effect([case], {})
-    assert abs(nees - told.nees.mean()) > 10.0 * nees_sd
+    assert effect([case], {}).nees.mean() > 10.0 * found.effect.nees.mean()

@@ -307,16 +307,17 @@ def yaml_lines(values: dict[str, Any], left: str = "") -> Iterator[str]:
         if isinstance(value, dict):
             rows = yaml_lines(value, f"{left}  ")
         elif np.ndim(value) == 2:
-            rows = (f"{left}- {_flow(row)}" for row in value)
+            rows = (f"{left}- {flow(row)}" for row in value)
         else:
-            text = f" {value if isinstance(value, str) else _flow(value)}"
+            text = f" {value if isinstance(value, str) else flow(value)}"
         yield f"{left}{name}:{text}"
         yield from rows
 
 
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
+    """A number, or a row of some, as YAML reads it."""
     if np.ndim(value):
-        return f"[{', '.join(map(_flow, value))}]"
+        return f"[{', '.join(map(flow, value))}]"
     # with a point: 1e-05 is a word in YAML 1.1
     text = repr(float(value))
     return text if "." in text else text.replace("e", ".0e")
@@ -393,7 +394,7 @@ def _noise(log: Log, matrices: _Values, notes: _Notes) -> dict[str, str]:
             more = [unit, equivalent_words(most.horizon)]
             if most.bound is not None:
                 more.append(f"an axis that is not seen, below {most.bound:.4g}")
-            values[name] = f"{_flow(most.value)}  # {'; '.join(filter(None, more))}"
+            values[name] = f"{flow(most.value)}  # {'; '.join(filter(None, more))}"
             continue
         seen = "not known"
         if most.bound is not None:

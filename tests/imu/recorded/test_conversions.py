@@ -1,10 +1,8 @@
 """Settings for other projects: what each does with them, against the noise it is.
 
 A project's use of a setting stands here by itself, from its source: see the module
-`simval.imu.filters.conversions`.
+`simval.imu.recorded.conversions`.
 """
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,17 +10,16 @@ import scipy
 import yaml
 from true_sensor import G
 
-from simval.imu.filters.conversions import Given, arguments, settings_file
-from simval.imu.filters.signals import Told
+from simval.imu.recorded.conversions import Given, arguments, settings_file
 
 FIELD = np.array([2e-5, 0.0, -4e-5])
 N, K, FORCE, MAGNETIC, RATE = 2e-3, 3e-4, 0.05, 4e-7, 50.0
-TOLD = Told(
-    gyroscope_noise=N, gyroscope_walk=K, accelerometer_noise=FORCE,
-    magnetometer_noise=MAGNETIC, gravity=G, field=FIELD, start_std=0.05, bias_std=5e-3,
-)  # fmt: skip
-GIVEN = Given(TOLD, RATE)
-SIX = Given(replace(TOLD, magnetometer_noise=np.nan), RATE)
+VECTORS = {"accelerometer": np.array([0.0, 0.0, G]), "magnetometer": FIELD}
+DENSITIES = {"accelerometer": FORCE / RATE**0.5, "magnetometer": MAGNETIC / RATE**0.5}
+START = np.repeat([0.05, 5e-3], 3) ** 2
+GIVEN = Given({"N": N, "K": K} | DENSITIES, RATE, VECTORS, START)
+_NO_FIELD = {k: v for k, v in GIVEN.noise.items() if k != "magnetometer"}
+SIX = Given(_NO_FIELD, RATE, {"accelerometer": VECTORS["accelerometer"]}, START)
 
 
 def numbers(project, given=GIVEN):
@@ -36,22 +33,32 @@ def numbers(project, given=GIVEN):
 
 
 @pytest.mark.parametrize(
-    ("project", "step", "rate", "walk", "field"),
+    ("project", "step", "reading", "names"),
     [
-        ("px4", 0.010, "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_MAG_NOISE"),
-        ("ardupilot", 0.012, "EK3_GYRO_P_NSE", "EK3_GBIAS_P_NSE", "EK3_MAG_M_NSE"),
+        (
+            "px4",
+            0.010,
+            1 / 15,
+            ("EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_MAG_NOISE"),
+        ),
+        (
+            "ardupilot",
+            0.012,
+            0.1,
+            ("EK3_GYRO_P_NSE", "EK3_GBIAS_P_NSE", "EK3_MAG_M_NSE"),
+        ),
     ],
 )
-def test_an_autopilot_adds_the_noise_of_a_second(project, step, rate, walk, field):
+def test_an_autopilot_adds_the_noise_of_a_second(project, step, reading, names):
     """It adds (h p)^2 to an angle, or a bias, in each of 1/h steps a second."""
-    found = numbers(project)
+    found, (rate, walk, field) = numbers(project), names
     assert (step * found[rate]) ** 2 / step == pytest.approx(N**2)
     assert (step * found[walk]) ** 2 / step == pytest.approx(K**2)
-    # a reading every step, gauss: the variance of their mean over a second
-    assert (1e-4 * found[field]) ** 2 * step == pytest.approx(MAGNETIC**2 / RATE)
-    if project == "px4":
+    # a mean every so often, gauss: the variance of all of a second together
+    assert (1e-4 * found[field]) ** 2 * reading == pytest.approx(MAGNETIC**2 / RATE)
+    if project == "px4":  # of a unit vector, every step
         grav = found["EKF2_GRAV_NOISE"]
-        assert (G * grav) ** 2 * step == pytest.approx(FORCE**2 / RATE)
+        assert (9.80665 * grav) ** 2 * step == pytest.approx(FORCE**2 / RATE)
     assert field not in numbers(project, SIX)
 
 
@@ -81,7 +88,7 @@ def test_ros_covariances():
 
 @pytest.mark.parametrize("project", ["px4", "ardupilot"])
 def test_what_a_project_does_not_document_is_said(project):
-    large = Given(replace(TOLD, gyroscope_noise=1.0), RATE)
+    large = GIVEN._replace(noise=GIVEN.noise | {"N": 1.0})
     assert any("documented" in each for each in settings_file(project, large)[1])
 
 
@@ -109,7 +116,8 @@ def test_filterpy_has_the_step_of_the_noise():
     Q = E[2:, 2:].T @ E[:2, 2:]
     np.testing.assert_allclose(found["Q"], Q, rtol=1e-10)
     assert found["R"] == pytest.approx([FORCE**2, MAGNETIC**2])
-    assert arguments(SIX)["filterpy.kalman.KalmanFilter"]["R"] == [FORCE**2]
+    six = arguments(SIX)["filterpy.kalman.KalmanFilter"]
+    assert six["R"] == pytest.approx([FORCE**2])
 
 
 def test_a_time_constant_is_that_of_the_constant_gain():
