@@ -5,14 +5,19 @@ from functools import partial
 import numpy as np
 
 from power.fault import Fault, replaced, then
-from simval.imu.audit import fewest, terms
+from simval.imu.audit import ideal, pieces
 from simval.imu.explain import catalogue, judgement, likelihood
+from simval.path import PosePath
 
 
 def across(original, rests, fit=None):
     # that across the vector, of which there are two directions
     total = np.trace(rests.covariance, axis1=1, axis2=2)
     return np.sqrt((total - original(rests, fit) ** 2) / 2.0)
+
+
+def late(term):
+    return term._replace(held=1.0) if term.held else term
 
 
 def heavier(entries):
@@ -38,11 +43,11 @@ FAULTS = (
         context=lambda: replaced(likelihood, "DECADES", (1e-3,)),
     ),
     simulators(
-        terms.AccelerometerTerms, "rounding", "poses are taken for exact",
-        then(lambda draws: [0.0 * each for each in draws]),
+        pieces, "_rounded", "poses are taken for exact",
+        lambda original, time, poses: PosePath(time, poses[:, :3], poses[:, 3:]),
     ),
     simulators(
-        fewest, "HELD", "a step late is nobody's fault",
-        context=lambda: replaced(fewest, "HELD", dict.fromkeys(fewest.HELD, 1.0)),
+        ideal, "TERMS", "a step late is nobody's fault",
+        context=lambda: replaced(ideal, "TERMS", tuple(map(late, ideal.TERMS))),
     ),
 )  # fmt: skip

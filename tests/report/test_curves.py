@@ -15,7 +15,7 @@ from rounding import EPS
 from rows_by_name import cell
 
 from simval.judge.findings import reproduce
-from simval.judge.settings import axis_words, setting_words, varying
+from simval.judge.settings import PARAMETERS, axis_words, named, setting_words, varying
 from simval.report import panels
 from simval.report.curves import (
     SEEN,
@@ -43,7 +43,6 @@ from simval.report.findings import (
     percent,
     slopes_said,
 )
-from simval.report.formatting import PARAMETERS, named
 from simval.report.marks import framed
 from simval.report.paint import svg
 from simval.report.panels import DotPanel, Drawing, Panel, Series

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from imu.audit.zoo import G, Motion, Truth
 
 from simval.errors import InputError
 from simval.path import PosePath
 from simval.scene.recorded_path import recorded_trajectory
+from simval.studies.simulated_imus import G, Motion, Truth
 
 UP = np.array([0.0, 0.0, 9.80665])
 

@@ -115,7 +115,7 @@ def test_holes_in_each_rotation_leave_the_gyroscope_out():
     log = with_hole(made, *range(len(made.holds) - 1))
     result = calibrate_log(log, g=9.80665)
     found = calibrate_sensors(log, result)
-    assert "rows are missing in each of the" in found.left_out["gyroscope"]
+    assert "rows are missing in each of the" in found.left_out["gyroscope"].words
 
 
 def test_a_hole_of_a_day_is_two_windows_of_the_detector():

@@ -500,6 +500,8 @@ def test_too_few_still_rests_leave_the_gyroscope_out():
     for (a, b), said in zip(result.intervals[3:6], result.cuts, strict=True):
         assert f"from {log.time[a]:.2f} s to {log.time[b - 1]:.2f} s" in said
     left = calibrate_sensors(log, result).left_out["gyroscope"]
-    assert re.search("turns in 3 of the 11 rests .* and 9 rests in which both", left)
+    assert re.search(
+        "turns in 3 of the 11 rests .* and 9 rests in which both", left.words
+    )
     with pytest.raises(RefusedError, match="turns in 3 of the 11"):
         calibrate_sensors(log, result, sensors=["gyroscope"])
