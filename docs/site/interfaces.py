@@ -17,7 +17,7 @@ from types import FunctionType, ModuleType
 import simval.imu
 from docs.site.equations import Module, modules, room_of
 
-PLAIN = ("errors", "geometry", "poses", "results", "statistics", "streams")
+PLAIN = ("errors", "figures", "geometry", "poses", "results", "statistics", "streams")
 """Modules without `__all__` whose names users import."""
 METHODS = (FunctionType, classmethod, staticmethod, property, cached_property)
 LONGEST = 120  # characters of a constant's value that is shown

@@ -10,6 +10,7 @@ noise levels, geometries or seeds. The verdict stays that of all cells.
 """
 
 import hashlib
+import re
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from simval.judge import GateResult, RunComparison
 from simval.report.interactivity import silent
@@ -54,6 +55,12 @@ def template(*names: str) -> Template:
     return _environment().select_template([f"{name}.html.j2" for name in names])
 
 
+def whole(words: str) -> Markup:
+    """Words for a page, in which no line ends within the name of an option."""
+    named = r'<span class="whole">\g<0></span>'
+    return Markup(re.sub(r"--[a-z][a-z-]*", named, str(escape(words))))
+
+
 def script() -> dict[str, Any]:
     """The page's only script and its hash for the content security policy."""
     folder = resources.files("simval.report") / "templates"
@@ -77,6 +84,7 @@ def _environment() -> Environment:
         measured=measured, text=text, sort_key=sort_key, script=script, DARK=DARK
     )
     environment.globals.update(laid_out=shown, sample=sample)
+    environment.filters["whole"] = whole
     return environment
 
 
