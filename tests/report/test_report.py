@@ -221,7 +221,7 @@ def test_what_cannot_be_read_or_written_is_an_error(simval, tiny_run, tmp_path):
     (artifacts / "scene-x-1.npz").write_bytes(b"PK no archive")
     code, _, err = simval("report", tiny_run)
     assert code == 2
-    assert "scene-x-1.npz is not what the sweep wrote" in err
+    assert "scene-x-1.npz has changed since the sweep wrote it" in err
     edited(tiny_run)  # without a seal
     code, _, err = simval("report", tiny_run)
     assert code == 2

@@ -58,6 +58,10 @@ logs = ["holds", "of known noise"]
 setting = ["true noise", "tenfold"]
 gyroscope_error = [1e-3, 1e-2]
 trials = 64
+[audit]
+simulators = ["right", "times"]
+seconds = 4.0
+trials = 2
 """
 
 
