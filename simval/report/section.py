@@ -56,9 +56,9 @@ def template(*names: str) -> Template:
 
 
 def whole(words: str) -> Markup:
-    """Words for a page, in which no line ends within the name of an option."""
-    named = r'<span class="whole">\g<0></span>'
-    return Markup(re.sub(r"--[a-z][a-z-]*", named, str(escape(words))))
+    """Words for a page: no line ends within ``a ± b`` or the name of an option."""
+    kept = r'<span class="whole">\g<0></span>'
+    return Markup(re.sub(r"--[a-z][a-z-]*|\S+ ± \S+", kept, str(escape(words))))
 
 
 def script() -> dict[str, Any]:
