@@ -201,14 +201,22 @@ def _read(
 ) -> SimulatedImu:  # fmt: skip
     # a log with the poses in its own columns, or in a file
     from simval.imu.audit.recorded_poses import poses_of, simulated
-    from simval.imu.logs import read_positions, read_truth
+    from simval.imu.logs import read_positions, read_topic, read_truth
 
-    if truth is not None and Path(truth).exists():
-        poses = read_truth(truth, columns=columns)
-        position = read_positions(truth, columns=columns)
+    own = None if truth == "log" else truth
+    if own is not None and Path(own).exists():
+        refuse_if(
+            read_topic(own) is not None,
+            f"{own} is a bag, whose times count from its own start; record the poses "
+            "and the readings in one bag, or give the poses in a text file",
+        )
+        poses = read_truth(own, columns=columns)
+        position = read_positions(own, columns=columns)
+    elif columns is None and (of_bag := read_topic(log.path, own)) is not None:
+        poses, position = of_bag
     else:
         poses = read_truth(
-            log.path, stem="" if truth in (None, "log") else str(truth),
+            log.path, stem=own or "",
             columns=columns, clock=log.time, instance=instance, rows=log.of_file,
         )  # fmt: skip
         position = read_positions(log.path, columns=columns, instance=instance)
