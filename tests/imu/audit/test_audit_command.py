@@ -108,6 +108,7 @@ def test_poses_of_tum(simval, log, tmp_path):
     assert code == 1
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("plugin", "form"),
     [
