@@ -110,10 +110,11 @@ def matlab73(path, us, *sensors):
 
 
 def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=False,
-        late=(0,), order="little", frames=("imu_link",)):  # fmt: skip
+        late=(0,), order="little", frames=("imu_link",), poses=None):  # fmt: skip
     """A bag by rosbags: of ROS 1 without a plugin for storage, stamps if any.
 
-    Messages are received so many ns late, and are of these frames, in turn.
+    Messages are received so many ns late, and are of these frames, in turn; poses are
+    the name of a message, positions and quaternions of each row.
     """
     first = plugin is None
     store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
@@ -134,6 +135,9 @@ def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=
             name: writer.add_connection(topic, form(name), typestore=store)
             for name, topic in topics.items()
         }
+        if poses is not None:
+            pose_form = poses[0]
+            truth = writer.add_connection("/body", pose_form, typestore=store)
         for k, t in enumerate((us * 1000).tolist()):
             t += 10**9  # a bag's times are from an epoch
             stamp = kinds["builtin_interfaces/msg/Time"](
@@ -151,7 +155,31 @@ def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=
             for name, parts in messages.items():
                 raw = pack(kinds[form(name)](*parts), form(name))
                 writer.write(added[name], t + late[k % len(late)], raw)
+            if poses is not None:
+                message = posed(kinds, header, pose_form, *(x[k] for x in poses[1:]))
+                writer.write(truth, t, pack(message, pose_form))
     return path
+
+
+def posed(kinds, header, form, place, turn):
+    """A message of this name with a pose, and noise in whatever it has beside that."""
+    point, turned, vector, *pair = (
+        kinds[f"geometry_msgs/msg/{name}"]
+        for name in ("Point", "Quaternion", "Vector3", "Pose", "Twist")
+    )
+    turned, sd = turned(*turn.tolist()), np.arange(36.0)
+    if form.endswith("TransformStamped"):
+        moved = kinds["geometry_msgs/msg/Transform"](vector(*place.tolist()), turned)
+        return kinds[form](header, "a body", moved)
+    pose = pair[0](point(*place.tolist()), turned)
+    if form.endswith("PoseStamped"):
+        return kinds[form](header, pose)
+    pose = kinds["geometry_msgs/msg/PoseWithCovariance"](pose, sd)
+    if not form.endswith("Odometry"):
+        return kinds[form](header, pose)
+    twist = pair[1](vector(1.0, 2.0, 3.0), vector(4.0, 5.0, 6.0))
+    twist = kinds["geometry_msgs/msg/TwistWithCovariance"](twist, sd)
+    return kinds[form](header, "body", pose, twist)
 
 
 def ros1(path, *log):

@@ -42,49 +42,53 @@ def command(
     recording: Annotated[Path, dict(metavar="LOG|FILE.py")],
     truth: Annotated[
         str | None,
-        "Poses: another file, or the common name of four columns of LOG.  "
-        "[default: those of LOG]",
+        "Where the poses are: another file, a topic of the bag LOG, or the common "
+        "part of the names of four columns of LOG.  [default: the poses in LOG]",
         dict(metavar="NAME|FILE"),
     ] = None,
     truth_columns: Annotated[
         str | None,
-        "The columns of the poses' file in their order, as t,px,py,pz,qx,qy,qz,qs, "
-        "with - for one to ignore.",
+        "What the columns of the file with the poses are, in their order, such as "
+        "t,px,py,pz,qx,qy,qz,qs; write - for a column to ignore.",
         dict(metavar="NAMES"),
     ] = None,
     truth_turns: Annotated[
-        PoseTurns, "What a quaternion of the poses turns."
+        PoseTurns, "From which axes to which the quaternions of the poses turn."
     ] = "body-to-world",
     lever: Annotated[
         tuple[float, float, float] | None,
-        "Place of the sensor in the body, m.  [default: fitted]",
+        "Position of the sensor in the axes of the body, m.  [default: fitted]",
         Numbers("X,Y,Z"),
     ] = None,
     mount: Annotated[
         tuple[float, float, float, float] | None,
-        "Quaternion of the sensor in the body.  [default: fitted]",
+        "Quaternion that turns from the axes of the sensor to those of the body.  "
+        "[default: fitted]",
         Numbers("X,Y,Z,W"),
     ] = None,
     gravity: Annotated[
         tuple[float, float, float] | None,
-        "Acceleration of gravity in the world, m/s^2.  [default: 0,0,-9.8, its size "
-        "within that on the Earth]",
+        "Acceleration of gravity in the axes of the world, m/s^2.  [default: along "
+        "-z; its size is fitted, between the least and the most on the Earth]",
         Numbers("X,Y,Z"),
     ] = None,
     accelerometer_noise: Annotated[
         tuple[float, float, float] | None,
-        "Noise that is claimed: m/s^2 per root Hz, m/s^2, m/s^2 per root s.",
+        "Noise that the simulator claims for its accelerometer: white noise N in m/s^2 "
+        "per root Hz, bias instability B in m/s^2, random walk K in m/s^2 per root s.",
         Numbers("N,B,K"),
     ] = None,
     gyro_noise: Annotated[
         tuple[float, float, float] | None,
-        "The gyroscope's: rad/s per root Hz, rad/s, rad/s per root s.",
+        "The same for its gyroscope: N in rad/s per root Hz, B in rad/s, K in rad/s "
+        "per root s.",
         Numbers("N,B,K"),
     ] = None,
     only: Annotated[
         str | None,
-        "What is asked, of frame, scale, axes, linear, gravity, lever, delay, "
-        "instants, constant, spikes, reckoning, noise.  [default: all]",
+        "Questions to answer, with commas between: frame, scale, axes, linear, "
+        "gravity, lever, delay, instants, constant, spikes, reckoning, noise.  "
+        "[default: all]",
         dict(metavar="NAMES"),
     ] = None,
     alpha: Alpha = ALPHA,
@@ -93,33 +97,41 @@ def command(
     instance: Instance = None,
     start: From = None,
     stop: Until = None,
-    seconds: Annotated[Positive, "Time that FILE.py is asked for, s."] = 10.0,
-    seed: Annotated[int, Whole(min=0), "Seed that FILE.py is given."] = 0,
+    seconds: Annotated[
+        Positive, "How many seconds FILE.py is asked to simulate."
+    ] = 10.0,
+    seed: Annotated[int, Whole(min=0), "Seed of random numbers for FILE.py."] = 0,
     time_limit: Annotated[
         float,
         Number(0.0, 86_400.0, min_open=True),
-        "Time that FILE.py may take.",
+        "How long FILE.py may run.",
         dict(metavar="SECONDS"),
     ] = 600.0,
-    out: Annotated[OutFile | None, "Write the recording to this CSV file."] = None,
+    out: Annotated[
+        OutFile | None, "Write what FILE.py returned to this CSV file."
+    ] = None,
     page: Annotated[
         OutFile | None, "Write a page, a single HTML file.", dict(name="--report")
     ] = None,
     junit: Annotated[OutFile | None, "Write JUnit XML."] = None,
     as_json: AsJson = False,
-    verbose: Annotated[bool, "Print all: each term with what is allowed."] = False,
+    verbose: Annotated[
+        bool, "Print every term, with how far off it is and how far it may be."
+    ] = False,
 ) -> int:
     """Judge a simulated IMU: compare each reading with an ideal sensor's.
 
-    LOG has readings and the poses of the body, in its own columns, in a data set's
-    folder, or in another file (--truth). FILE.py has a function simulate(request) that
-    returns both. What is not declared (--lever, --mount, --gravity) is fitted and
-    printed.
+    LOG holds the readings and the poses of the body: in its columns, in the folder of a
+    data set, or in two topics of a bag. The poses may be in another file (--truth).
+    FILE.py has a function simulate(request) that returns both. What you do not declare
+    (--lever, --mount, --gravity) is fitted and printed.
 
-    Each term of the specific force and the rate is judged at one rate of false alarms,
-    beside what the step and the poses' interpolation allow; the fewest wrong things
-    that explain the readings are named. Exit code 0 right, 1 wrong, 2 unreadable input,
-    3 the motion does not tell, 4 FILE.py crashed.
+    A reading may differ from the ideal by its noise, by the length of a step, and by
+    what interpolation of the poses leaves. If it differs by more, the answer names the
+    fewest errors that explain the difference, and what would cause them.
+
+    Exit code 0: right. 1: wrong. 2: the input cannot be read. 3: the motion cannot show
+    it. 4: FILE.py crashed.
     """
     from simval.imu.audit import audit
     from simval.imu.logs import read_log
@@ -201,14 +213,22 @@ def _read(
 ) -> SimulatedImu:  # fmt: skip
     # a log with the poses in its own columns, or in a file
     from simval.imu.audit.recorded_poses import poses_of, simulated
-    from simval.imu.logs import read_positions, read_truth
+    from simval.imu.logs import read_positions, read_topic, read_truth
 
-    if truth is not None and Path(truth).exists():
-        poses = read_truth(truth, columns=columns)
-        position = read_positions(truth, columns=columns)
+    own = None if truth == "log" else truth
+    if own is not None and Path(own).exists():
+        refuse_if(
+            read_topic(own) is not None,
+            f"{own} is a bag, whose times count from its own start; record the poses "
+            "and the readings in one bag, or give the poses in a text file",
+        )
+        poses = read_truth(own, columns=columns)
+        position = read_positions(own, columns=columns)
+    elif columns is None and (of_bag := read_topic(log.path, own)) is not None:
+        poses, position = of_bag
     else:
         poses = read_truth(
-            log.path, stem="" if truth in (None, "log") else str(truth),
+            log.path, stem=own or "",
             columns=columns, clock=log.time, instance=instance, rows=log.of_file,
         )  # fmt: skip
         position = read_positions(log.path, columns=columns, instance=instance)

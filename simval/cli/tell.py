@@ -65,71 +65,81 @@ NOTHING = 1e-3
 
 
 Density = Annotated[Positive | None, dict(metavar="N")]
-Stated = Annotated[tuple[str, ...], dict(metavar="[SENSOR=]SHARE")]
+Stated = Annotated[tuple[str, ...], dict(metavar="[SENSOR=]FRACTION")]
 
 
 @declared("tell")
 def command(
     motion: Annotated[
         tuple[str, ...],
-        "What the sensors go through: a scene's name, a log, or a file of attitudes "
-        "(body to a world with z up); may be repeated, and the worst counts.",
+        "How the sensors move: the name of a scene, a log, or a file of attitudes "
+        "that turn from the body to a world with z up. Give it several times for "
+        "several motions; the settings must be right on the worst.",
         dict(metavar="SCENE|FILE"),
     ],
     calibration: Annotated[Path | None, dict(metavar="[CALIBRATION]")] = None,
     noise: Annotated[
         Path | None,
-        "Measured noise, a file made by `simval noise LOG --json`.  [default: of the "
-        "rests of a log]",
+        "Measured noise of the sensors: a file made by `simval noise LOG --json`.  "
+        "[default: measured where a log of --motion is at rest]",
     ] = None,
     angle_random_walk: Annotated[
-        Density, "White noise N of the gyroscope instead, rad/s per root Hz."
+        Density,
+        "White noise N of the gyroscope, rad/s per root Hz; replaces the measured one.",
     ] = None,
     rate_random_walk: Annotated[
-        Density, "Random walk K of its bias, rad/s^2 per root Hz.", dict(metavar="K")
+        Density,
+        "Random walk K of the gyroscope's bias, rad/s^2 per root Hz.",
+        dict(metavar="K"),
     ] = None,
     velocity_random_walk: Annotated[
         Density, "White noise of the accelerometer, m/s^2 per root Hz."
     ] = None,
     magnetometer_noise: Annotated[
         Density,
-        "White noise of the magnetometer, T per root Hz; without one the filter has "
-        "six axes.",
+        "White noise of the magnetometer, T per root Hz. Without one, given or "
+        "measured, the filter uses gyroscope and accelerometer alone.",
     ] = None,
     scale_error: Annotated[
         Stated,
-        "Standard deviation of a scale, a share: 0.01 for 1 %, of all sensors or of "
-        "one, as gyroscope=0.01; may be repeated.",
+        "Standard deviation of the scale error, as a fraction: 0.01 for 1 %. A number "
+        "alone is for all sensors, gyroscope=0.01 for one; give it several times for "
+        "several sensors.",
     ] = (),
     misalignment: Annotated[
         Stated,
-        "The same of what an axis reads of another, a share: 0.01 is 1 %, or 0.57 "
-        "degrees.",
+        "Standard deviation of what an axis reads of each other axis, as a fraction: "
+        "0.01 for 1 %, which is an angle of 0.57 degrees. Sensors as for "
+        "--scale-error.",
     ] = (),
     bias_error: Annotated[
         Stated,
-        "The same of an offset, SI: gyroscope=0.005 (rad/s, which the filter "
-        "estimates), accelerometer=0.02 (m/s^2), magnetometer=1e-6 (T).",
+        "Standard deviation of the offset of a sensor, such as gyroscope=0.005 in "
+        "rad/s, accelerometer=0.02 in m/s^2 or magnetometer=1e-6 in T. The filter "
+        "estimates the gyroscope's.",
         dict(metavar="SENSOR=VALUE"),
     ] = (),
     band: Annotated[
         tuple[float, float],
-        "Normalised square of the error that is right enough, where 3 is right.",
+        "Between which values the mean normalised square of the attitude error must "
+        "be; it is 3 if the filter states its error right.",
         dict(nargs=2, type=float, metavar="LOW HIGH"),
     ] = (1.5, 3.3),
     parts: Annotated[
-        int, Whole(1, 50), "Parts of each motion in each of which it must hold."
+        int,
+        Whole(1, 50),
+        "How many equal parts to divide each motion into; --band must hold in each.",
     ] = 1,
     settle: Annotated[
         float,
         Number(0.0, 1e4),
-        "Time at the start that does not count.",
+        "How long after the start the error does not count.",
         dict(metavar="SECONDS"),
     ] = 2.0,
     rate: Annotated[
         Positive | None,
         "Rows per second of the filter, and of a log that has no clock.  [default: "
-        "100, or those of the motion if they are fewer]",
+        "100, or fewer if the motion has fewer]",
         dict(metavar="HZ"),
     ] = None,
     columns: Columns = None,
@@ -140,27 +150,29 @@ def command(
     stop: Until = None,
     to: Annotated[
         tuple[tuple[str, Path], ...],
-        f"Write the settings for a project to FILE: {', '.join(TARGETS)}.",
+        "Write the settings to FILE in the form of a project, one of "
+        f"{', '.join(TARGETS)}.",
         PROJECT_FILES,
     ] = (),
     as_json: AsJson = False,
     verbose: Annotated[
         bool,
-        "Print all: what each answer rests on, the inputs, and the settings as "
-        "arguments of Python packages.",
+        "Print what each answer rests on, the inputs, and the settings as arguments "
+        "of Python packages.",
     ] = False,
 ) -> int:
     """Say what noise a filter should be given so that it states its error right.
 
-    A calibration leaves errors that a filter does not know; given the true noise it is
-    then too sure of itself. Predicts, over a motion, which noise makes the covariance
-    right with the least error, what that achieves by source, what other settings
-    cost, and what would help most.
+    A filter does not know the errors that a calibration leaves. If it is given the true
+    noise, it states too small an error. This command predicts, for a motion, the noise
+    with which the stated error is right and the true one smallest. It prints how much
+    of that error each source makes, what other settings cost, and what would help most.
 
-    CALIBRATION is a file of `simval calibrate --out`, with its covariance; the errors
-    of a data sheet are stated by options, and add to it.
+    CALIBRATION is a file made by `simval calibrate --out`. Errors from a data sheet are
+    given by options, and are added to those of CALIBRATION.
 
-    Exit code 0 found, 2 unreadable input, 3 no setting makes it right.
+    Exit code 0: settings were found. 2: the input cannot be read. 3: no settings make
+    the stated error right.
     """
     import numpy as np
 

@@ -34,6 +34,15 @@ any row.
 from simval.imu.logs.columns import Column
 from simval.imu.logs.log import Log, read_log
 from simval.imu.logs.rows import Rows
-from simval.imu.logs.truth import Truth, read_positions, read_truth
+from simval.imu.logs.truth import Truth, read_positions, read_topic, read_truth
 
-__all__ = ["Column", "Log", "Rows", "Truth", "read_log", "read_positions", "read_truth"]
+__all__ = [
+    "Column",
+    "Log",
+    "Rows",
+    "Truth",
+    "read_log",
+    "read_positions",
+    "read_topic",
+    "read_truth",
+]

@@ -6,6 +6,9 @@ the message says it lacks (first covariance -1), or that is zero in every messag
 not read. A topic of ``sensor_msgs/MagneticField``, in T, is joined to it. Stamps are
 those of the headers; where these do not increase, the times of receipt. A bag states
 how many messages each topic has; where fewer are there, that is said.
+
+A topic of ``geometry_msgs/PoseStamped``, ``PoseWithCovarianceStamped`` or
+``TransformStamped``, or of ``nav_msgs/Odometry``, has poses, which are read alone.
 """
 
 import struct
@@ -19,15 +22,29 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.apart import read_apart
-from simval.imu.logs.joining import Stream, candidates
+from simval.imu.logs.joining import Stream, candidates, joined
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
 _ROS1, _MCAP, _SQLITE = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _KINDS: Final = {_ROS1: "a ROS 1 bag", _MCAP: "an MCAP file", _SQLITE: "a ROS 2 bag"}
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
-_DOUBLES: Final = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12}
-"""How many stand behind the header of each message."""
+_POSES: Final = {
+    "geometry_msgs/msg/PoseStamped": 7,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": 43,
+    "geometry_msgs/msg/TransformStamped": 7,
+    "nav_msgs/msg/Odometry": 85,
+}
+POSE_NAMES: Final = ", ".join(each.replace("/msg", "") for each in _POSES)
+_TWO_FRAMES: Final = ("geometry_msgs/msg/TransformStamped", "nav_msgs/msg/Odometry")
+_POSE: Final = (*(f"position.{axis} [m]" for axis in "xyz"),
+                *(f"orientation.{axis}" for axis in "xyzw"))  # fmt: skip
+_DOUBLES: Final = {
+    "sensor_msgs/msg/Imu": 37,
+    "sensor_msgs/msg/MagneticField": 12,
+    **_POSES,
+}
+"""How many stand behind the header, and the second frame, of each message."""
 _QUANTITIES: Final = {  # of each message: field, the first double, components, unit
     "sensor_msgs/msg/Imu": (
         ("linear_acceleration", 25, "xyz", " [m/s^2]"),
@@ -47,20 +64,32 @@ def sniff(source: Source) -> bool:
 
 def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
     """Tables of the topics with an accelerometer."""
-    kinds = (kind for start, kind in _KINDS.items() if source.start.startswith(start))
-    bag = read_apart("bags", source, next(kinds, "a ROS 2 bag"))
+    _, *bag = _parsed_apart(source)
     return candidates(source.path, *bag)
 
 
-def parsed(path: str) -> tuple[list[Stream], str, list[tuple[str, str]]]:
-    """Streams of a bag's topics, what it holds, and what is missing in it."""
+def poses(source: Source) -> dict[str, ArrayTable]:
+    """Tables of the topics with poses, on the clock of those of `read`."""
+    streams, *_ = _parsed_apart(source)
+    return {each.name: joined(source.path, [each]) for each in streams}
+
+
+def _parsed_apart(source: Source) -> Any:
+    kinds = (kind for start, kind in _KINDS.items() if source.start.startswith(start))
+    return read_apart("bags", source, next(kinds, "a ROS 2 bag"))
+
+
+def parsed(
+    path: str,
+) -> tuple[list[Stream], list[Stream], str, list[tuple[str, str]]]:
+    """Poses and readings of a bag's topics, what it holds, and what it lacks."""
     first, reader = _reader(Path(path))
     reader.open()
     topics = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
     known = [each for each in reader.connections if each.msgtype in _DOUBLES]
     rows: dict[tuple[str, str], list[tuple[int, int, Array]]] = defaultdict(list)
     for each, receipt, raw in reader.messages(known) if known else ():
-        message = _message(raw, _DOUBLES[each.msgtype], first)
+        message = _message(raw, each.msgtype, first)
         rows[each.topic, each.msgtype].append((receipt, *message))
     said = [
         (
@@ -74,16 +103,19 @@ def parsed(path: str) -> tuple[list[Stream], str, list[tuple[str, str]]]:
         key: np.array([row[:2] for row in own], dtype=np.int64)
         for key, own in rows.items()
     }
-    ordered = all(np.all(np.diff(each[:, 1]) > 0) for each in stamps.values())
+    inertial = [each for key, each in stamps.items() if key[1] not in _POSES]
+    ordered = all(np.all(np.diff(each[:, 1]) > 0) for each in inertial)
     clock = "stamps of the headers"
     if not ordered:
         clock = "times of receipt, for the headers' stamps do not increase"
-    start = min((each[0, int(ordered)] for each in stamps.values()), default=0)
-    streams, lacking = [], []
+    start = min((each[0, int(ordered)] for each in inertial), default=0)
+    placed: list[Stream] = []
+    streams: list[Stream] = []
+    lacking = []
     for (topic, kind), own in sorted(rows.items()):
         columns, words = _columns(kind, np.array([row[2] for row in own]))
         lacking += [f"{topic}: {word}" for word in words]
-        streams.append(
+        (placed if kind in _POSES else streams).append(
             Stream(
                 name=topic,
                 group=topic.rpartition("/")[0],
@@ -93,7 +125,7 @@ def parsed(path: str) -> tuple[list[Stream], str, list[tuple[str, str]]]:
             )
         )
     lacking += [words for _, words in said]
-    return streams, ", ".join([*lacking, *topics]), said
+    return placed, streams, ", ".join([*lacking, *topics]), said
 
 
 def _stated(reader: Any, known: list[Any]) -> Counter[tuple[str, str]]:
@@ -124,15 +156,19 @@ def _summary(reader: Any) -> dict[tuple[str, str], int]:
     return {(own["name"], own["type"]): count for own, count in topics}
 
 
-def _message(raw: bytes, count: int, first: bool) -> tuple[int, Array]:
+def _message(raw: bytes, kind: str, first: bool) -> tuple[int, Array]:
     # stamp of the header, ns, and the doubles behind it; ahead of them stand the
-    # sequence number of ROS 1 or what CDR says of the order of bytes, and the frame
+    # sequence number of ROS 1 or what CDR says of the order of bytes, and the frames
     if not first and bytes(raw[:4]) == _ZSTD:
         msg = "its messages are compressed; give the folder of the bag, which says how"
         raise InputError(msg)
     order = "<" if first or raw[1] else ">"
     seconds, nanoseconds, size = struct.unpack_from(f"{order}iII", raw, 4)
-    at = 16 + size + (0 if first else -(12 + size) % 8)
+    count, at = _DOUBLES[kind], 16 + size
+    if kind in _TWO_FRAMES:
+        at += 0 if first else -at % 4
+        at += 4 + struct.unpack_from(f"{order}I", raw, at)[0]
+    at += 0 if first else (4 - at) % 8
     if not 0 <= len(raw) - at - 8 * count <= (0 if first else 3):
         msg = f"a message of {len(raw)} bytes has not those of its type"
         raise ValueError(msg)
@@ -142,6 +178,8 @@ def _message(raw: bytes, count: int, first: bool) -> tuple[int, Array]:
 
 def _columns(kind: str, values: Array) -> tuple[dict[str, Array], list[str]]:
     # columns of what is not zero in every message, and what is not read, why
+    if kind in _POSES:
+        return dict(zip(_POSE, values.T, strict=False)), []
     columns: dict[str, Array] = {}
     lacking = []
     for name, at, axes, unit in _QUANTITIES[kind]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError
-from simval.imu.logs import folders
+from simval.imu.logs import bags, folders
 from simval.imu.logs.clock import require_increasing, times_of
 from simval.imu.logs.columns import Column, clock_of, given
 from simval.imu.logs.readers import read_table
@@ -179,6 +179,44 @@ def read_positions(
         )
         raise InputError(msg)
     return table.numbers(places)
+
+
+def read_topic(
+    path: str, topic: str | None = None
+) -> tuple[Truth, Float[Array, "n 3"]] | None:
+    """Read a bag's attitudes and positions, m, or None of a file that is no bag.
+
+    `topic` names one of several; the times are on the clock of the bag's readings.
+    """
+    source = Source(path=path)
+    if not bags.sniff(source):
+        return None
+    found = bags.poses(source)
+    if not found:
+        msg = (
+            f"{path} has no topic with positions; record one of {bags.POSE_NAMES}, or "
+            "give the poses in a text file on the bag's clock, from its first reading "
+            "(--truth FILE)"
+        )
+        raise InputError(msg)
+    name = next(iter(found)) if topic is None and len(found) == 1 else topic
+    if name is None or name not in found:
+        wrong = "" if topic is None else f"none is called {topic!r}; "
+        msg = (
+            f"{path} has poses in {', '.join(found)}; {wrong}give the name of one "
+            "(--truth TOPIC)"
+        )
+        raise InputError(msg)
+    table = found[name]
+    truth = Truth(
+        path=path,
+        time=_times(table, clock_of(table), None),
+        components=_unit(table, table.numbers([4, 5, 6, 7])),
+        scalar="last",
+        columns=(name,),
+        own_clock=True,
+    )
+    return truth, table.numbers([1, 2, 3])
 
 
 def quaternion_stems(path: str, instance: str | None = None) -> list[str]:

@@ -5,7 +5,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from containers import ros
 from places import ROOT
+from rosbags.rosbag2 import StoragePlugin
 
 from simval.cli.audit import _text
 from simval.studies.simulated_imus import MOUNT, simulated
@@ -104,6 +106,46 @@ def test_poses_of_tum(simval, log, tmp_path):
         "audit", path, "--truth", tmp_path / "poses.txt", *SAID, *turned
     )
     assert code == 1
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("plugin", "form"),
+    [
+        (None, "geometry_msgs/msg/PoseStamped"),
+        (None, "nav_msgs/msg/Odometry"),
+        (StoragePlugin.SQLITE3, "geometry_msgs/msg/TransformStamped"),
+        (StoragePlugin.MCAP, "nav_msgs/msg/Odometry"),
+        (StoragePlugin.MCAP, "geometry_msgs/msg/PoseWithCovarianceStamped"),
+    ],
+)
+def test_a_bag_with_a_topic_of_poses(simval, tmp_path, plugin, form):
+    """Two frames' names of any length stand before the numbers of some messages."""
+    said = (*SAID, "--mount", quaternion())
+
+    def bag(name, file, form=form):
+        imu = simulated(name, rng(3), rate=100.0, seconds=8.0)
+        poses = None if form is None else (form, imu.position, imu.attitude)
+        us = np.round(imu.time * 1e6).astype(np.int64)
+        how = dict(plugin=plugin, poses=poses, frames=("imu", "a", "world"))
+        return ros(tmp_path / file, us, imu.accelerometer, imu.gyroscope, **how)
+
+    right = bag("right", "right")
+    code, out, err = simval("audit", right, *said)
+    assert code == 0, out + err
+    assert simval("audit", right, *said, "--truth", "/body")[:2] == (code, out)
+    code, _, err = simval("audit", right, *said, "--truth", "/other")
+    assert code == 2
+    assert "poses in /body" in err
+    code, _, err = simval("audit", right, *said, "--truth", right)
+    assert code == 2
+    assert "record the poses and the readings in one bag" in err
+    code, out, _ = simval("audit", bag("late", "late"), *said)
+    assert code == 1
+    assert "steps late" in out
+    code, _, err = simval("audit", bag("right", "alone", None), *said)
+    assert code == 2
+    assert "no topic with positions; record one of geometry_msgs/PoseStamped" in err
 
 
 SIMULATOR = """
