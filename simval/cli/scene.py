@@ -102,7 +102,8 @@ def command(
     """
     from simval.imu.logs import Rows
     from simval.imu.sensor import load_imu
-    from simval.scene import render_file, simulate
+    from simval.scene import render_file
+    from simval.scene.run import plan_run, run_plan
     from simval.scene.trajectory import write_signal
 
     refuse_if(
@@ -130,7 +131,9 @@ def command(
         "too",
     )
     rows = Rows(kind=gyro_rows, delay=1e-3 * gyro_delay)
-    trajectory = along or simulate(name, **parameters)
+    trajectory = along or run_plan(
+        plan_run(name, **parameters), positions=out is not None
+    )
     readings = None if imu is None else read(imu, trajectory, every, seed, rows)
     if out is not None:
         write_signal(out, trajectory, readings, every, rows)

@@ -97,7 +97,7 @@ def _exact(value: Any) -> Any:
     return np.asarray(value).tolist()
 
 
-# of a simulation; positions are of recorded poses
+# of a simulation; positions are of a log that is written
 _KEPT = [f.name for f in fields(Trajectory) if f.name not in ("provenance", "position")]
 
 

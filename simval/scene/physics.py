@@ -289,14 +289,22 @@ def path_length(
     model: "mujoco.MjModel", script: Script, qpos: Float[Array, "m nq"]
 ) -> Float[Array, " m"]:
     """Distance of the sensor from where it begins, for some positions."""
-    data = mujoco.MjData(model)
     start = model.qpos0 if script.qpos is None else script.qpos
-    places = np.empty((len(qpos) + 1, 3))
-    for k, each in enumerate([start, *qpos]):
+    places = sensor_places(model, [start, *qpos])
+    return np.linalg.norm(places[1:] - places[0], axis=1)
+
+
+def sensor_places(
+    model: "mujoco.MjModel", qpos: Sequence[Float[Array, " nq"]]
+) -> Float[Array, "m 3"]:
+    """Position of the sensor in the world, m, for some generalised positions."""
+    data = mujoco.MjData(model)
+    places = np.empty((len(qpos), 3))
+    for k, each in enumerate(qpos):
         data.qpos[:] = each
         mujoco.mj_kinematics(model, data)
         places[k] = data.site(SITE).xpos
-    return np.linalg.norm(places[1:] - places[0], axis=1)
+    return places
 
 
 def _in_order(

@@ -28,6 +28,7 @@ from simval.scene.physics import (
     mujoco,
     path_length,
     roll_out,
+    sensor_places,
 )
 from simval.scene.script import Scene, Script
 from simval.scene.trajectory import Trajectory, attitude_from_mujoco
@@ -242,9 +243,14 @@ def plan_of(
     )
 
 
-def run_plan(plan: Plan) -> Trajectory:
-    """Simulate a plan and check its data."""
-    return checked_trajectory(plan, roll_out(plan.physics.model, [plan.script]))
+def run_plan(plan: Plan, *, positions: bool = False) -> Trajectory:
+    """Simulate a plan and check its data; with the sensor's positions, if asked for."""
+    model = plan.physics.model
+    rollout = roll_out(model, [plan.script], positions=positions)
+    found = checked_trajectory(plan, rollout)
+    if rollout.qpos is None:
+        return found
+    return replace(found, position=sensor_places(model, [*rollout.qpos[0]]))
 
 
 def write_script(

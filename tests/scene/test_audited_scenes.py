@@ -4,44 +4,25 @@ Of the gimbal a share below 1 % is left that no term explains: its motors' comma
 held over a step.
 """
 
-import mujoco
 import numpy as np
 import pytest
 
 from simval.imu.audit import Declared, SimulatedImu, audit
 from simval.imu.logs import Rows
-from simval.scene import find_scene, simulate
-from simval.scene.physics import load_model, roll_out
-from simval.scene.run import write_script
+from simval.scene.run import plan_run, run_plan
 from simval.scene.trajectory import gyroscope_rows
 
 SHORT = {"gimbal": {"poses": 3}, "freefall": {}, "handheld": {"poses": 4}}
 
 
-def positions(name, parameters):
-    """Of the sensor's site in each row, by MuJoCo's kinematics."""
-    scene = find_scene(name)
-    physics = load_model(scene.model)
-    script = write_script(scene, physics, parameters)
-    qpos = roll_out(physics.model, [script], positions=True).qpos[0]
-    data = mujoco.MjData(physics.model)
-    found = np.empty((len(qpos), 3))
-    for k, each in enumerate(qpos):
-        data.qpos[:] = each
-        mujoco.mj_kinematics(physics.model, data)
-        found[k] = data.site("imu").xpos
-    return found
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SHORT)
 def test_our_scenes_are_right(name):
-    run = simulate(name, **SHORT[name])
-    where = positions(name, SHORT[name])
+    run = run_plan(plan_run(name, **SHORT[name]), positions=True)
     said = Declared(lever=np.zeros(3), mount=np.eye(3), gravity=run.gravity)
     for kind, late in (("before", 0.5), ("instant", 0.0), ("after", -0.5)):
         imu = SimulatedImu(
-            time=run.time, position=where, attitude=run.attitude,
+            time=run.time, position=run.position, attitude=run.attitude,
             gyroscope=gyroscope_rows(run, rows=Rows(kind=kind)),
             accelerometer=run.specific_force, source=name,
         )  # fmt: skip

@@ -148,6 +148,19 @@ def test_a_bag_with_a_topic_of_poses(simval, tmp_path, plugin, form):
     assert "no topic with positions; record one of geometry_msgs/PoseStamped" in err
 
 
+@pytest.mark.ci
+def test_the_log_of_a_scene(simval, tmp_path):
+    """Its positions are the sensor's, so there is no lever arm."""
+    log, turn = tmp_path / "log.csv", ("--mount", "0,0,0,1")
+    assert simval("scene", "freefall", "--out", log)[0] == 0
+    right = ("--gravity", "0,0,-9.80665", *turn, "--until", "8")
+    code, out, err = simval("audit", log, "--lever", "0,0,0", *right)
+    assert code == 0, out + err
+    code, out, _ = simval("audit", log, "--lever", "0.1,0,0", *right)
+    assert code == 1
+    assert "lacks the lever arm (0.1, 0, 0)" in out
+
+
 SIMULATOR = """
 import numpy as np
 def simulate(request):
