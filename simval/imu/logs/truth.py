@@ -184,9 +184,25 @@ def read_positions(
 def read_topic(
     path: str, topic: str | None = None
 ) -> tuple[Truth, Float[Array, "n 3"]] | None:
-    """Read a bag's attitudes and positions, m, or None of a file that is no bag.
+    """Read the poses of a bag, on the clock of its readings.
 
-    `topic` names one of several; the times are on the clock of the bag's readings.
+    Parameters
+    ----------
+    path : str
+        Bag, or any other file.
+    topic : str or None
+        Topic with the poses; None takes the only one.
+
+    Returns
+    -------
+    (Truth, Array) or None
+        Attitudes, and positions in world axes, m, (n, 3); None of a file that is no
+        bag.
+
+    Raises
+    ------
+    InputError
+        If the bag cannot be read, has no such topic, or has several and none is named.
     """
     source = Source(path=path)
     if not bags.sniff(source):

@@ -1,12 +1,13 @@
 """`simval audit` of files and of a simulator's file."""
 
 import json
+from runpy import run_path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from containers import ros
-from places import ROOT
+from places import EXAMPLES, ROOT
 from rosbags.rosbag2 import StoragePlugin
 
 from simval.cli.audit import _text
@@ -159,6 +160,17 @@ def test_the_log_of_a_scene(simval, tmp_path):
     code, out, _ = simval("audit", log, "--lever", "0.1,0,0", *right)
     assert code == 1
     assert "lacks the lever arm (0.1, 0, 0)" in out
+
+
+@pytest.mark.slow
+def test_the_power_that_the_page_states(capsys):
+    """What is allowed, and an error of the gyroscope's scale that is found."""
+    made = run_path(EXAMPLES / "audit_power.py")
+    made["main"](1, ("scale of the gyroscope",), (0.25, 4.0))
+    *allowed, _, _, found = capsys.readouterr().out.splitlines()
+    page = (ROOT / "docs" / "audit.md").read_text()
+    assert [line for line in allowed if line.rstrip() not in page] == []
+    assert found.split()[-2:] == ["0.00", "1.00"]
 
 
 SIMULATOR = """
