@@ -261,7 +261,10 @@ def look(
     squares = []
     for late in grid:
         made, turned = seen(late)
-        columns = np.column_stack([made["ideal"], np.ones(len(given))])
+        parts = [made["ideal"], np.ones(len(given))]
+        if "lever" in made and ideal.declared.lever is None:  # or a delay stands for it
+            parts.append(made["lever"].reshape(-1, 9))
+        columns = np.column_stack(parts)
         squares.append([left(columns, each) for each in (given, turned)])
     best = np.min(squares, axis=0)
     world = bool(best[1] < HALF * best[0])
