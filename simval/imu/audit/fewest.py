@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
+from simval.geometry import attitude_matrix, cross_matrix, from_rotation_vector
 from simval.imu.audit.ideal import BIAS, SILENT, Ideal, IdealState, TermRows
 from simval.imu.audit.pieces import Piece, Pieces, TrueMotion
 from simval.imu.audit.regression import TINY, Regression, TermFit
@@ -30,6 +31,7 @@ BOUND: Final = 3.0
 PRESENT: Final = 0.5  # a term is judged where its absence would be seen
 LARGE: Final = 4.0  # times the deviation of a bias: no sensor's
 LEAST_ARM: Final = 0.05  # m; a term of a lever arm that short need not be seen
+_TURNS: Final = [cross_matrix(each) for each in np.eye(3)]
 _SIGNED: Final = [
     np.diag(signs)[list(order)]
     for order in permutations(range(3))
@@ -261,20 +263,19 @@ def look(
     squares = []
     for late in grid:
         made, turned = seen(late)
-        columns = np.column_stack([made["ideal"], np.ones(len(given))])
+        columns = _late_columns(ideal, made)
         squares.append([left(columns, each) for each in (given, turned)])
     best = np.min(squares, axis=0)
     world = bool(best[1] < HALF * best[0])
     by_delay = np.array(squares)[:, int(world)]
-    near = by_delay[np.abs(grid) <= NEAR].min()
-    late = float(grid[np.argmin(by_delay)]) if by_delay.min() < HALF * near else 0.0
+    here = by_delay[np.abs(grid) <= NEAR].min()
+    late = float(grid[np.argmin(by_delay)]) if by_delay.min() < HALF * here else 0.0
     made, turned = seen(late)
     y, declared, right = turned if world else given, ideal.declared.mount, made["ideal"]
     if world:
         candidates: list[tuple[str, Array]] = [("world", np.eye(3))]
     elif declared is None:
-        candidates = [("", _nearest(y, right, guess, 1.0)),
-                      ("reversed", _nearest(y, right, guess, -1.0))]  # fmt: skip
+        candidates = _by_hands(ideal.name, y, right, guess)
     else:
         candidates = [("", declared), ("body", np.eye(3)), ("inverse", declared.T)]
         candidates += [("exchanged", each @ declared) for each in _SIGNED]
@@ -295,3 +296,32 @@ def _nearest(y: Array, right: Array, guess: Array | None, sign: float) -> Array:
     B = B + (FAINT * np.eye(3) if guess is None else 100.0 * guess * (sign > 0.0))
     U, _, V = np.linalg.svd(B)
     return U @ np.diag([1.0, 1.0, sign * np.linalg.det(U @ V)]) @ V
+
+
+def _late_columns(ideal: Ideal, made: dict[str, Array]) -> Array:
+    # a lever arm that is not declared is among them, or a delay stands for it
+    parts = [made["ideal"], np.ones(len(made["ideal"]))]
+    if "lever" in made and ideal.declared.lever is None:
+        parts.append(made["lever"].reshape(-1, 9))
+    return np.column_stack(parts)
+
+
+def _by_hands(
+    name: str, y: Array, right: Array, guess: Array | None
+) -> list[tuple[str, Array]]:
+    # mounts of right-handed and of left-handed axes
+    near = [_nearest(y, right, guess, sign) for sign in (1.0, -1.0)]
+    if name == "gyroscope":  # a faint motion may tell them apart
+        near = [_settled(y, right, each) for each in near]
+    return [*zip(("", "reversed"), near, strict=True)]
+
+
+def _settled(y: Array, right: Array, mount: Array) -> Array:
+    # turned to the least squares beside a constant
+    turns = np.einsum("kij,nj->nik", _TURNS, right).reshape(-1, 3)
+    columns = np.hstack([turns, np.tile(np.eye(3), (len(y), 1))])
+    for _ in range(ROUNDS):
+        off = (y @ mount - right).ravel()
+        found, *_ = np.linalg.lstsq(columns, off, rcond=FAINT**2)
+        mount = mount @ attitude_matrix(from_rotation_vector(-found[:3]))
+    return mount

@@ -61,6 +61,19 @@ def test_a_right_simulator_is_never_called_wrong(rate, seconds, more, single):
         assert audit(imu, said).exit_code != 1, str(audit(imu, said))
 
 
+@pytest.mark.parametrize(
+    ("draw", "rate", "seconds", "pace"),
+    [(555, 4371.0, 0.5, 0.6), (125, 2734.0, 1.0, 1.24)],
+)
+def test_a_short_motion_and_nothing_declared(draw, rate, seconds, pace):
+    """No mirror for a turn of the mount, no delay for a lever arm."""
+    imu = simulated(
+        "right", rng(101, draw), rate=rate, seconds=seconds, pace=pace, noise=1e-4
+    )
+    found = audit(imu)
+    assert found.exit_code != 1, str(found)
+
+
 def test_at_rest_a_lever_arm_is_not_judged_and_is_no_pass():
     still = {"move": 0.0, "turn": 0.0, "spin": 0.0}
     found = audit(simulated("no lever arm", rng(1), **still), declared())
