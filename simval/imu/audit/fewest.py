@@ -142,8 +142,9 @@ def judged(
         regression = Regression(rows, ideal.terms)
         explained, fit = regression.fewest(rate)
         value = regression.whole.value
+        size = _size(np.vstack([each.ideal for each in rows]))
         for each, far in zip(rows, bad, strict=True):
-            found = _far(each, each.left(value))
+            found = _far(each, each.left(value), size)
             far |= found & (found.mean() <= SPIKE_SHARE)
         before, state = state, ideal.moved(state, regression.split(fit.value))
         if turn and state.near(before):
@@ -156,10 +157,9 @@ def judged(
     spikes = [piece.time[far] for piece, far in zip(pieces.smooth, bad, strict=True)]
     if explained == "all" and not frame and not any(x.wrong for x in items.values()):
         first = ideal.rows(pieces.start, state)
-        far = _far(first, np.vstack([first.left(fit.value), left[0]]))
+        far = _far(first, np.vstack([first.left(fit.value), left[0]]), size)
         spikes.append(pieces.start.time[far[: len(first.ideal)]])
     own, sd = regression.split(fit.value), regression.split(fit.sd)
-    size = _size(np.concatenate([each.ideal for each in rows]))
     every = np.concatenate(left) @ state.mount.T
     rest = _size(every) / max(size, TINY)
     delay = items["delay"]
@@ -208,10 +208,10 @@ def _items(
     return items
 
 
-def _far(rows: TermRows, left: Float[Array, "n 3"]) -> Flags:
-    # readings far off
+def _far(rows: TermRows, left: Float[Array, "n 3"], size: float) -> Flags:
+    # readings far off, beside the size that they have in all
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
-    size = np.hypot(_size(rows.ideal), _size(rows.reading))
+    size = np.hypot(size, _size(rows.reading))
     *errors, rounding = np.abs(rows.errors)  # of which a spline has more at its ends
     off = np.sum(errors, axis=0) + rounding.max(axis=1, keepdims=True)
     far = np.abs(left[: len(off)]) > SPIKE * noise + BOUND * off + SPIKE_SHARE * size
