@@ -45,6 +45,7 @@ def measured(value: float, sd: float, *, fixed: bool = False) -> str:
         kept = [f"{round(x, places) + 0.0:.{max(places, 0)}f}" for x in (value, sd)]
         return " ± ".join(kept)
     places, scale = min(top - last, DIGITS), 10.0**top
+    sd = float(f"{sd:.1e}")  # of 205 they are 2.0, whatever it is divided by
     return f"({value / scale:.{places}f} ± {sd / scale:.{places}f})e{top}"
 
 

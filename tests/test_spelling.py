@@ -36,6 +36,7 @@ def parts(text):
 @example(sd=0.0996, digits=99.94, power=0)
 @example(sd=123.4, digits=800.2, power=0)  # 120, beside hundreds and tens
 @example(sd=9.96e4, digits=-1.0, power=0)
+@example(sd=205.0, digits=48780486.0, power=0)  # a tie, before a division by 1e10
 def test_a_value_has_two_digits_of_its_error(sd, digits, power):
     value = digits * sd * 10.0**-power
     shown, error = parts(measured(value, sd))
