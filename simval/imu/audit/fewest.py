@@ -136,6 +136,7 @@ def judged(
     value: Array = np.zeros(0)
     for turn in range(ROUNDS):
         rows = [ideal.rows(each, state) for each in pieces.smooth]
+        given = [each.target.copy() for each in rows]
         for each, far in zip(rows, bad, strict=True):
             if turn:  # what the model has, in place of readings far off
                 each.target[far] = (each.columns @ value)[far]
@@ -153,7 +154,10 @@ def judged(
         right = tuple(each for each in ideal.terms if not each.wrong)
         fit = regression.fit(right, fit.instant)
     items = _items(ideal, regression, fit, rate)
-    left = [each.left(fit.value) for each in rows]
+    left = [
+        _left(each, own, far, fit.value, size)
+        for each, own, far in zip(rows, given, bad, strict=True)
+    ]
     spikes = [piece.time[far] for piece, far in zip(pieces.smooth, bad, strict=True)]
     if explained == "all" and not frame and not any(x.wrong for x in items.values()):
         first = ideal.rows(pieces.start, state)
@@ -175,6 +179,16 @@ def judged(
         bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
         size=size, unexplained=0.0 if explained == "all" else rest,
     )  # fmt: skip
+
+
+def _left(
+    rows: TermRows, given: Array, far: Flags, value: Array, size: float
+) -> Float[Array, "n 3"]:
+    # what is left, where readings are far off by what is chosen, too, and their flags
+    rows.target[:] = given
+    far &= _far(rows, rows.left(value), size)
+    rows.target[far] = (rows.columns @ value)[far]
+    return rows.left(value)
 
 
 def _items(
