@@ -6,18 +6,18 @@ must be that wrong, and did today's change make them worse?
 Conventions:
 
 - SI units and radians everywhere; raw readings in whatever unit the sensor has.
-- A quaternion is unit, vector part first, scalar last, and takes the reference frame
-  to the body frame; ``q`` and ``-q`` are the same attitude.
-- ``f_s`` is a vector in sensor coordinates, ``R_ws`` takes sensor to world: in a
-  product the inner letters match. Frames: ``w`` world, ``b`` body, ``s`` sensor.
+- A quaternion has unit length, the vector part first and the scalar last, and takes
+  the reference frame to the body frame; ``q`` and ``-q`` are the same attitude.
+- ``f_s`` is a vector in sensor coordinates, and ``R_ws`` takes sensor to world, so that
+  in a product the inner letters match. Frames: ``w`` world, ``b`` body, ``s`` sensor.
 - An accelerometer measures specific force: at rest it reads g upwards.
 - Attitude errors are truth minus estimate, calibration errors estimate minus truth.
 - Arrays are batches on their leading axes: ``(..., 3)``.
 
-Where to look: `imu` is the library under test, sensors, calibration, attitude, filters
-and logs, and imports nothing of what tests it. `studies` are the experiments and the
-first package to read, `scene` moves the body, `theory` is what the results must be,
-`verdict` judges them, `sweep` runs grids of them, `report` and `judge` tell.
+Where to look: `imu` is the library under test (sensors, calibration, attitude, filters
+and logs) and imports nothing of what tests it. `studies` has the experiments; read it
+first. `scene` moves the body, `theory` predicts the results, `verdict` judges them,
+`sweep` runs grids of studies, `judge` compares runs and `report` shows them.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -191,8 +191,8 @@ class Estimator(Algorithm):
     name : str
         Short name.
     estimate : callable
-        ``estimate(b1, b2, r1, r2)``: (n, 3) each to attitudes, quaternions (n, 4) of
-        unit length or rotation matrices (n, 3, 3).
+        ``estimate(b1, b2, r1, r2)``: takes (n, 3) each and returns attitudes, as
+        quaternions (n, 4) of unit length or rotation matrices (n, 3, 3).
     components : {"xyzs", "sxyz", "matrix"}
         Order of the quaternion, or a matrix.
     matrix : {"active", "passive"}
@@ -201,12 +201,12 @@ class Estimator(Algorithm):
         ``covariance(b1, b2, r1, r2, noise_std)``: covariance of the rotation vector of
         the error, rad^2, (n, 3, 3) or (3, 3).
     side : {"body", "reference"}, default "body"
-        Side of the error that `covariance` is of.
+        Side of the error that `covariance` describes.
     claim : {"exact", 2, 4}, default 2
-        How good `covariance` is.
+        Order in the noise to which `covariance` is claimed to be right, or exact.
     fails_at : tuple of str, default ()
-        Classes of attitudes (`simval.plugins.attitudes`) at which it fails and is
-        measured, not judged.
+        Classes of attitudes (`simval.plugins.attitudes`) at which it is known to fail.
+        There it is measured but not judged.
     kind : {"wahba", "weighted wahba", "triad", "closed form", "combined"}, optional
         Class of estimators (`simval.theory.estimators`) whose leading bias and
         covariance it must have.
@@ -215,19 +215,20 @@ class Estimator(Algorithm):
     batch : bool, default True
         False calls `estimate` and `covariance` row by row, without the axis n.
     reference : {"NED", "ENU", "NWU"}, optional
-        Frame in which the references are fixed: the vertical, then the Earth's field.
+        Frame in which the references are fixed. The first is the vertical, the second
+        the Earth's field.
     vertical : {"up", "down"}, default "up"
         Direction of the first reference of such a frame.
     dip : float, optional
-        Dip of the field that it was written for, rad; default any.
+        Dip of the field that the estimator was written for, rad; by default any.
     reads : tuple of {"noise_std", "weights", "covariances"}, default ()
-        What else `estimate` and `covariance` are handed, by these names.
+        Further arguments that `estimate` and `covariance` get, by these names.
     series : bool, default False
-        Whether `estimate` is made of ``+ - * / **``, `abs`, comparisons and
-        `numpy.sqrt` alone, so that it works with power series (`simval.theory.series`).
+        Whether `estimate` uses only ``+ - * / **``, `abs`, comparisons and
+        `numpy.sqrt`, so that it works with power series (`simval.theory.series`).
     arithmetic : callable, optional
         The method of `estimate` for one sample of unit vectors, and weights whose sum
-        is 1, in numbers of any class: its operations are counted.
+        is 1. It must accept numbers of any class, because its operations are counted.
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
@@ -295,11 +296,12 @@ class Calibrator(Algorithm):
     calibrate : callable
         ``calibrate(poses, g)``, one set at a time.
     form : {"triangular", "upper", "symmetric"}, default "triangular"
-        Parameters whose covariance is given, see `simval.imu.sensor.forms`.
+        Form of the parameters whose covariance it returns, see
+        `simval.imu.sensor.forms`.
     noise_std : bool, default False
         Whether `calibrate` takes ``noise_std``, the noise of a pose mean, as well.
     estimates : tuple of str, default ("misalignment", "scale", "bias")
-        What it estimates; ``("scale", "bias")`` and ``("bias",)`` are the others.
+        What it estimates; ``("scale", "bias")`` and ``("bias",)`` are also allowed.
     """
 
     taken_by: ClassVar[str] = "calibrator.algorithm"
@@ -408,18 +410,18 @@ class Filter(Algorithm):
     matrix : {"active", "passive"}
         Direction of the attitude.
     world : {"NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"}, optional
-        Its reference frame, x, y and z by their letters; default the one found.
+        Its reference frame, by the letters of x, y and z; found by itself if not given.
     accelerometer : {"specific force", "gravity"}, default "specific force"
-        What it calls the accelerometer's reading: at rest up, or down.
+        What it expects as the accelerometer's reading: at rest up, or down.
     magnetometer : bool, default True
         Whether `update` takes the magnetometer's reading as well.
     side : {"body", "reference"}, default "body"
-        Side of the attitude error that the covariance is of.
+        Side of the attitude error that the covariance describes.
     reads : tuple of str, default ()
-        What `make` is handed, out of `READS`.
+        Names of the arguments that `make` gets, out of `READS`.
     batch : bool, default False
-        True steps all trials at once: each argument but ``dt`` and each answer has a
-        leading axis n, and so has the start.
+        True steps all trials at once: each argument except ``dt``, each answer and the
+        start have a leading axis n.
     """
 
     taken_by: ClassVar[str] = "filter.algorithm"

@@ -112,12 +112,12 @@ def load_run(folder: str | Path) -> Run:
     Returns
     -------
     Run
-        Its content.
+        The content of the folder.
 
     Raises
     ------
     InputError
-        If it is no run folder, is damaged, or was written by a newer version.
+        If the folder is not a run, is damaged, or was written by a newer version.
     """
     path = run_folder(folder)
     with store.opened(path / "run.sqlite") as database:

@@ -76,30 +76,31 @@ def run_suite(
     out : str or Path
         Folder of the run; must not exist unless `resume`.
     workers : int, default 1
-        Local processes; 1 works in this process.
+        Number of local processes; 1 computes in this process.
     scheduler : str, optional
-        Address of a dask.distributed scheduler that computes the cells instead.
+        Address of a dask.distributed scheduler whose workers compute the cells instead.
     resume : bool, default False
         Resume an interrupted run in `out`: finished cells are kept, failed and missing
         ones are computed.
     progress : Progress, optional
-        A subclass is called for each cell that ends.
+        Pass a subclass; it is called for each cell that ends.
     wait : float, default 60
-        Seconds to wait for a worker of the scheduler while there is none.
+        Seconds to wait for a worker while the scheduler has none.
     mixed_kernels : bool, default False
-        Whether workers with other processor kernels, linear algebra or C library than
-        this process may compute: the last bits then depend on which did.
+        Whether to accept workers whose processor kernels, linear algebra or C library
+        differ from those of this process. The last bits of a number then depend on the
+        worker that computed it.
 
     Returns
     -------
     Run
-        Failed cells are in it with their traceback.
+        The finished run; a failed cell is in it with its traceback.
 
     Raises
     ------
     InputError
         If the folder exists, cannot be written, or holds the run of another suite
-        or version, or every worker would compute other numbers.
+        or version, or if every worker would compute different numbers.
     LostClusterError
         If the scheduler or all workers are lost.
     """

@@ -131,7 +131,7 @@ def load_suite(
     Returns
     -------
     Suite
-        Validated and expanded.
+        The suite, validated and expanded.
 
     Raises
     ------

@@ -299,12 +299,13 @@ def two_vector_quaternion(
         reference frame.
     weights : array_like, optional
         Weights of the two pairs, (2,) or (..., 2), above zero. With them every frame
-        returns the weighted optimum of Wahba's problem, eq. (K4). The inverse of the
-        summed variances of b and r is best. Without them the weights of ``optimal`` are
-        equal, and the formula of the other frames is taken as it is.
+        returns the weighted optimum of Wahba's problem, eq. (K4). The best weight is
+        the inverse of the summed variances of b and r. Without `weights`, ``optimal``
+        weighs both pairs equally, and the other frames use their formula as it is.
     normalized : bool, default False
-        Normalise the vectors first, as ``optimal`` and `weights` always do: noise along
-        a vector then has no part in the answer. Off, the formula is the source's.
+        Normalise the vectors first, as ``optimal`` and `weights` always do, so that
+        noise along a vector does not affect the answer. If False, the formula is the
+        source's.
     length_tolerance : float, default 0.5
         Largest relative difference of length between a body vector and its
         reference vector; ``inf`` accepts any.
@@ -312,9 +313,9 @@ def two_vector_quaternion(
     Returns
     -------
     Array
-        Unit quaternions, reference to body, vector first, (..., 4); the scalar is
-        not negative for the first three frames, the sign is the formula's own
-        in a fixed frame.
+        Unit quaternions, reference to body, vector first, (..., 4). The scalar is
+        not negative for the first three frames; in a fixed frame the sign is the
+        formula's own.
 
     Raises
     ------
@@ -326,9 +327,9 @@ def two_vector_quaternion(
 
     Notes
     -----
-    Exact without noise. With noise of standard deviation sigma the error is of
-    order sigma / |qbar|. `simval.theory.attitude_moments` predicts the error of an
-    answer where it is told the same frame, for ``best`` none.
+    The answer is exact without noise. With noise of standard deviation sigma its error
+    is of order sigma / |qbar|. `simval.theory.attitude_moments` predicts the error if
+    you give it the same frame; for ``best`` there is no prediction.
     """
     estimate = estimate_attitude(
         b1,

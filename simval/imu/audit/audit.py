@@ -344,16 +344,16 @@ def audit(
     imu : SimulatedImu
         Readings and poses.
     declared : Declared or None
-        What is said of the IMU; what is not is fitted.
+        What you state about the IMU; whatever you leave out is fitted.
     alpha : float, default 1e-3
-        Rate at which a right simulator is refused, of all questions together.
+        Chance that a correct simulator is refused, over all questions together.
     only : collection of str
-        Of `QUESTIONS`, what is asked; all if it is empty.
+        The questions to ask, out of `QUESTIONS`; all if it is empty.
 
     Returns
     -------
     Audit
-        Each answer with its numbers.
+        The answer to each question, with its numbers.
 
     Raises
     ------

@@ -246,34 +246,36 @@ def calibrate(
     residual : {"squared", "norm", "weighted", "sampson", "adjusted"}
         Residual, see `simval.imu.calibrate.residuals`; adjusted needs `noise_std`.
     noise_std : float or array_like, optional
-        Standard deviation of each axis of a pose mean, raw units, one number or one
-        for each pose (n,), or for each of each trial (trials, n). With it the
-        covariance is that of a known sigma; without, Type A, from the residuals.
+        Standard deviation of each axis of a pose mean, raw units: one number, one
+        for each pose (n,), or one for each pose of each trial (trials, n). If given,
+        the covariance uses it as known; if not, it is estimated from the residuals
+        (Type A).
     step : float, default 1.0
         Fraction of each step taken, above 0 and up to 1 (damped Gauss-Newton).
     iteration : {"centre", "source"}
-        Of the squared residual: over the ellipsoid's centre alone, or as the sources
-        do, over all nine parameters with the stop rule as printed. Their methods are
-        then lm, J'J + mu I, of the triangular form, and gauss-newton with a `step`
-        alpha, or newton with all second derivatives, of the symmetric one.
+        How the squared residual is minimised: ``centre`` iterates over the ellipsoid's
+        centre only; ``source`` over all nine parameters with the stop rule as printed,
+        as the sources do. The sources' methods are lm with J'J + mu I for the
+        triangular form, and for the symmetric form gauss-newton with a `step` alpha,
+        or newton with all second derivatives.
     loss : {"linear", "huber", "soft_l1", "cauchy"}
         Robust loss, for the squared and weighted residuals.
     tolerance : float, default 1e-12
         Relative stop rule, eq. (L1) of the solver.
     max_iterations : int, default 200
-        Most steps for a trial.
+        Largest number of steps for a trial.
     full_scale : float, optional
-        Greatest reading of the sensor, raw units; poses at or beyond are refused.
+        Greatest reading of the sensor, raw units; poses at or beyond it are refused.
     repeats : bool, default False
-        Accept readings that repeat in every bit, as single quantised samples do.
+        Accept readings that are equal in every bit, as single quantised samples can be.
     condition_limit : float, default 1e3
         Greatest condition number of the poses that is accepted.
     covariance : bool, default True
-        Work out the covariance; False leaves it NaN, for a simulation that needs the
-        parameters only.
+        Work out the covariance. False leaves it NaN, for a simulation that needs only
+        the parameters.
     g_std : float, default 0.0
-        Standard deviation of `g`, m/s^2; 0 takes gravity as exact. `local_gravity` has
-        both of a place.
+        Standard deviation of `g`, m/s^2; 0 takes gravity as exact. `local_gravity`
+        gives `g` and its standard deviation for a place.
 
     Returns
     -------
@@ -292,9 +294,9 @@ def calibrate(
 
     Notes
     -----
-    The squared residual is that of the three source derivations. Norms say nothing
-    of a rotation of the axes or of the sign of an axis, and a wrong `g` is a wrong
-    scale: K is proportional to `g`, T and B do not depend on it, eq. (GR3) of
+    The squared residual is that of the three source derivations. Norms do not show
+    a rotation of the axes or the sign of an axis. A wrong `g` makes the scale wrong:
+    K is proportional to `g`, but T and B do not depend on it, eq. (GR3) of
     `simval.imu.calibrate.gravity`.
     """
     options = Options(

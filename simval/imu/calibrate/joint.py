@@ -166,25 +166,25 @@ def fit(
     Parameters
     ----------
     recording : Recording
-        What the sensors showed, see `Recording` and `recording_of`.
+        Readings of the sensors, see `Recording` and `recording_of`.
     sensors : sequence of str, optional
-        Out of ``gyroscope`` and ``magnetometer``; all that the recording has if not
-        given.
+        The sensors to calibrate, out of ``gyroscope`` and ``magnetometer``; if not
+        given, all that the recording has.
     known : FitResult, optional
-        The accelerometer's calibration from *other* poses, one or one for each trial;
-        with its covariance it joins the fit of a magnetometer alone. Without, both
-        sensors are fitted.
+        The accelerometer's calibration from *other* poses, one for all trials or one
+        for each. It enters the fit of a magnetometer alone with its covariance; without
+        it, both sensors are fitted.
     estimator : {"joint", "generalised", "unweighted"}
-        Of a gyroscope alone: joint fits the accelerometer again, together with it;
-        generalised keeps it, and counts its errors; unweighted is IMU-TK's least
-        squares.
+        How a gyroscope alone is fitted: joint fits the accelerometer again, together
+        with the gyroscope; generalised keeps the accelerometer's calibration and
+        counts its errors; unweighted is IMU-TK's least squares.
     start : array_like, optional
-        M of the gyroscope to start from, (3, 3); found by itself if not given.
+        M of the gyroscope to start from, (3, 3); if not given, `fit` finds one.
 
     Returns
     -------
     Calibration
-        Parameters, covariance and status of all, and of each sensor.
+        Parameters, covariance and status of the whole fit and of each sensor.
 
     Raises
     ------
@@ -195,18 +195,18 @@ def fit(
         In a batch such a trial has a status that says so, and NaN for its numbers.
     RefusedError
         If the residuals of one recording are far beyond the noise of a sensor, or its
-        poses say too little.
+        poses give too little information.
 
     Notes
     -----
     IMU-TK's calibration of a gyroscope is ``estimator="unweighted"`` on a recording
-    with ``bias="first rest"`` and rotations of ``scheme="linear"``. The covariance is
-    that of the stated noise, for each estimator its own
-    (`simval.imu.calibrate.equations`); where the residuals of one recording do not bear
-    that, parameters and error bars are by what they show
-    (`simval.imu.calibrate.factors`), except beside a `known` accelerometer;
-    chi-squares and findings of a magnetometer are by what is stated. Errors of terms
-    that were taken out are in the covariance.
+    with ``bias="first rest"`` and rotations of ``scheme="linear"``. Each estimator has
+    its own covariance, which follows from the stated noise
+    (`simval.imu.calibrate.equations`). If the residuals of one recording contradict
+    the stated noise, parameters and error bars use the noise that the residuals show
+    (`simval.imu.calibrate.factors`), except with a `known` accelerometer. Chi-squares
+    and findings of a magnetometer always use the stated noise. The covariance includes
+    the errors of terms that were taken out.
     """
     there = instance("recording", recording, Recording).sensors
     named = there if sensors is None else tuple(sensors)

@@ -1,11 +1,12 @@
 r"""Noise model of a sensor at rest: white noise, bias instability, random walk.
 
-White noise N, flicker B and a random walk K of each axis, and by evidence Markov noise,
-a ramp or a sine (`simval.imu.noise.evidence`), from the overlapping Allan variance and
-its covariance in closed form (`simval.imu.noise.allan`), by generalised least squares
-(`simval.imu.noise.least_squares`): each coefficient with an interval, or an upper bound
-where the recording does not show it. Everything is in the readings' own unit; no
-frame and no gravity enters.
+Each axis has white noise N, flicker B and a random walk K, and, if the data ask for it,
+Markov noise, a ramp or a sine (`simval.imu.noise.evidence`). They are fitted to the
+overlapping Allan variance, with its covariance in closed form
+(`simval.imu.noise.allan`), by generalised least squares
+(`simval.imu.noise.least_squares`). Each coefficient has an interval, or an upper bound
+where the recording does not show it. Everything is in the readings' own unit; frames
+and gravity play no role.
 """
 
 from simval.imu.noise.allan import (

@@ -189,12 +189,12 @@ def allan_law(counts: Any) -> Float[np.ndarray, "m 4"]:
     Parameters
     ----------
     counts : array_like
-        Rows to an average, (m,), above 0; need not be whole.
+        Rows in an average, (m,), above 0; they need not be whole.
 
     Returns
     -------
     Array
-        In the order of `KINDS`, all in units of rows, (m, 4).
+        One column for each of `KINDS`, in that order, with time in rows, (m, 4).
 
     Raises
     ------
@@ -247,8 +247,8 @@ def allan_covariance(
     Parameters
     ----------
     forms : Array
-        From `covariance_forms`, (m, m, 4, 4), or of some of the coefficients alone, or
-        (s, m, m, k, k) of other ones for each signal.
+        From `covariance_forms`, (m, m, 4, 4), or for only some of the coefficients; or
+        (s, m, m, k, k) with different ones for each signal.
     squares : Array
         N^2, B^2, K^2 and Q^2 in units of rows, (4,), or (..., 4) for more signals.
 

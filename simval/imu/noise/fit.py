@@ -93,16 +93,16 @@ def noise_of(
     ----------
     rows : array_like
         Readings at equal steps of time, any unit: (n,) of one signal, (n, signals), or
-        (n, sensors, axes) of sensors whose axes are judged together.
+        (n, sensors, axes) of sensors; the axes of a sensor are judged together.
     rate_hz : float
         Rows per second, Hz.
     increments : bool
-        Whether the readings are increments of an angle or a velocity over the time
-        of a row, rounded: then Q is estimated too.
+        Whether the readings are rounded increments of an angle or a velocity over the
+        time of a row. If so, Q is estimated too.
     intervals : bool
-        Whether the coefficients are told by intervals. Without, each may be anything,
-        and averages that white noise, flicker and a walk leave out at the short end
-        stay out: for who needs the variances of the model alone, in half the time.
+        Whether each coefficient gets a value and an interval. If False, it has neither,
+        and short averages that white noise, flicker and a walk do not fit stay out. Use
+        False if you need only the variances of the model; it takes half the time.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def noise_of(
     Raises
     ------
     InputError
-        If a reading is not a finite number, or the shape is another.
+        If a reading is not a finite number, or the shape is not one of these.
     RefusedError
         If there are too few rows.
     """

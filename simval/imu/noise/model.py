@@ -43,10 +43,10 @@ class Coefficient:
     sd : float or None
         Its standard deviation; None where there is no estimate.
     low, high : float
-        Ends of its 95 % interval: 0 and the upper bound where it is not seen; `high`
-        is infinite where nothing bounds it, as is `low` of a ramp that falls. A
-        correlation time that is not seen has a lower bound: a random walk's is
-        infinite.
+        Ends of its 95 % interval; 0 and the upper bound if the signal does not show the
+        coefficient. `high` is infinite if nothing bounds it, and so is `low` of a ramp
+        that falls. A correlation time that the signal does not show has a lower bound;
+        that of a random walk is infinite.
     """
 
     kind: str
@@ -58,23 +58,23 @@ class Coefficient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlowNoise:
-    """What there is beside white noise and a sine, and what a filter is given for it.
+    """Noise other than white noise and a sine, and what a filter is given for it.
 
     Attributes
     ----------
     seen : tuple of str
-        Letters of the coefficients that every likely explanation has; none where the
-        kind of the slow noise cannot be told.
+        Letters of the coefficients that every likely explanation has; empty if the kind
+        of the slow noise is unknown.
     likely : tuple of str
-        Explanations that the signal does not tell apart, the most likely first: the
+        Explanations that the signal cannot distinguish, the most likely first: the
         kinds of the components of each, as ``NBK`` (`simval.imu.noise.components`).
     by_axes : bool
-        Whether some explanations are left out by the axes of the sensor together.
+        Whether the axes of the sensor together rule out some explanations.
     walk : Coefficient
         The equivalent random walk, eq. (V14) of `simval.imu.noise.walk`, raw units per
         root second.
     horizon : float
-        Longest time over which it is that, s.
+        Longest time over which `walk` is equivalent, s.
     """
 
     seen: tuple[str, ...]
@@ -106,23 +106,24 @@ class AxisNoise:
     variance_sd : Array
         Their standard deviations by (V4), (m,).
     used : tuple of int
-        First and last but one of the lengths that the fit took.
+        The fit used the lengths ``counts[used[0]:used[1]]``.
     coefficients : tuple of Coefficient
-        N, B, K (and Q), and what else is seen; none where no range of lengths follows.
+        N, B, K (and Q), and any further component; empty if the model fits no range of
+        lengths.
     squares : Array
-        N^2, B^2, K^2 and Q^2 of the fit in units of rows, raw units squared, (4,).
+        N^2, B^2, K^2 and Q^2 of the fit, with time in rows, raw units squared, (4,).
     further : tuple of (Component, float)
-        Markov noise, ramp and sine of the fit, and the square of each in the same.
+        Markov noise, ramp and sine of the fit, each with its square in the same units.
     chi2 : float
         Chi-square of the fit.
     dof : int
         Its degrees of freedom.
     p_value : float
-        Chance of one at least as high if the model is right.
+        Chance of a chi-square at least as high if the model is right.
     step : float
-        Step of the converter, raw units; 0 where none is seen.
+        Step of the converter, raw units; 0 if the readings show none.
     slow : SlowNoise or None
-        Its slow noise; None where none is seen.
+        Slow noise of the signal; None if the signal shows none.
     statements : tuple of str
         Notes on the coefficients.
     """
@@ -460,7 +461,7 @@ def load_noise(path: str | PathLike[str]) -> NoiseFile:
     Raises
     ------
     InputError
-        If the file cannot be read, or is no noise of an accelerometer.
+        If the file cannot be read, or has no noise of an accelerometer.
     """
     file = file_path("path", path)
     how = "write one with `simval noise LOG --json > FILE`"

@@ -135,7 +135,7 @@ class AccelerometerModel:
     Raises
     ------
     InputError
-        If an argument has the wrong shape, is not finite, or T K is singular.
+        If an argument has the wrong shape or is not finite, or if T K is singular.
     """
 
     T: Float[Array, "3 3"]
