@@ -104,7 +104,7 @@ def every_page(folder):
 
 def log_commands(folder):
     """Commands that write a page of a log: five logs, with faults and without."""
-    log, odd, blind, still, stuck = (
+    log, odd, blind, quiet, stuck = (
         folder / name
         for name in (
             "log <b> & c.csv",
@@ -120,13 +120,12 @@ def log_commands(folder):
     header, rows = log.read_text().partition("\n")[::2]
     rows = np.loadtxt(rows.splitlines(), delimiter=",")
     _write(blind, header.split(",true")[0], rows[:, :10])
-    rests = np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows[:, -1])) + 1)
-    leant = next(
-        rest for rest in rests[10:] if rows[rest[0], -1]
-    )  # somebody leant on it
+    still = rows[:, header.split(",").index("rest")]
+    rests = np.split(np.arange(len(rows)), np.flatnonzero(np.diff(still)) + 1)
+    leant = next(rest for rest in rests[10:] if still[rest[0]])  # somebody leant on it
     rows[leant, 1:4] += [20.0, 0.0, 0.0]
     _write(odd, header.split(",wx")[0], rows[:, :4])
-    _write_still(still, stuck)
+    _write_still(quiet, stuck)
     found = folder / "calibration.json"
     _run("calibrate", log, "--out", found)
     own = ["--plugin", EXAMPLES / "complementary.py", "--calibration", found]
@@ -135,7 +134,7 @@ def log_commands(folder):
         "outlier": ("calibrate", odd, "--verbose"),
         "filtered": ("filter", log, "--plugin", "simval:mekf", *own, "--truth", "log"),
         "blind": ("filter", blind, *own),
-        "noise": ("noise", still, "--gyro-unit", "1e-3"),
+        "noise": ("noise", quiet, "--gyro-unit", "1e-3"),
         "stuck": ("noise", stuck),
     }
 
