@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 
 from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Told, Values
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.errors import InputError
-from simval.imu.audit.fewest import Flags, Item, SensorAudit, judged
+from simval.imu.audit.fewest import Item, SensorAudit, judged
 from simval.imu.audit.ideal import Ideal
 from simval.imu.audit.noise_claims import Claim, Shared, claims
 from simval.imu.audit.pieces import pieces_of
@@ -411,7 +411,7 @@ def _vector(v: Array) -> str:
     return f"({', '.join(number(float(x), 3) for x in np.round(v, 6) + 0.0)})"
 
 
-def _axes(good: Flags) -> str:
+def _axes(good: Mask) -> str:
     # of a vector, axes that are not told
     if len(good) != 3 or not good.any():
         return ""

@@ -7,9 +7,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from simval.arrays import Array
+from simval.arrays import Array, Mask
 from simval.geometry import attitude_matrix, cross_matrix, from_rotation_vector
 from simval.imu.audit.ideal import BIAS, SILENT, Ideal, IdealState, TermRows
 from simval.imu.audit.pieces import Piece, Pieces, TrueMotion
@@ -18,7 +17,6 @@ from simval.imu.audit.terms import Flaw
 from simval.path import Kinematics, PosePath
 from simval.shapes import Float
 
-Flags = NDArray[np.bool_]
 ROUNDS: Final = 6
 FARTHEST: Final = 64  # steps of delay that are looked at
 NEAR: Final = 2.0  # steps within which a delay needs no look around
@@ -60,7 +58,7 @@ class Item(NamedTuple):
     sd: Float[Array, " m"]
     allowed: Float[Array, " m"]
     wrong: bool
-    judged: Flags
+    judged: Mask
 
     @property
     def name(self) -> str:
@@ -182,7 +180,7 @@ def judged(
 
 
 def _left(
-    rows: TermRows, given: Array, far: Flags, value: Array, size: float
+    rows: TermRows, given: Array, far: Mask, value: Array, size: float
 ) -> Float[Array, "n 3"]:
     # what is left, where readings are far off by what is chosen, too, and their flags
     rows.target[:] = given
@@ -222,7 +220,7 @@ def _items(
     return items
 
 
-def _far(rows: TermRows, left: Float[Array, "n 3"], size: float) -> Flags:
+def _far(rows: TermRows, left: Float[Array, "n 3"], size: float) -> Mask:
     # readings far off, beside the size that they have in all
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
     size = np.hypot(size, _size(rows.reading))
