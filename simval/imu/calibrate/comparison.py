@@ -56,7 +56,7 @@ from simval.imu.calibrate.thermal import Term, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
-from simval.spelling import chance, rounded, series
+from simval.spelling import chance, counted, rounded, series
 from simval.text import number, one_line
 from simval.vocabulary import ALPHA, Model
 
@@ -167,7 +167,8 @@ class SensorComparison:
             return f"a combination of parameters of the {self.sensor}, none alone"
         name, _ = forms.ENTRIES.get(self.names[order[0]], (self.names[order[0]], 1.0))
         times = self.E_n[order[0]]
-        more = f" and {len(order) - 1} more" * (len(order) > 1)
+        others = counted(len(order) - 1, "other")
+        more = f" ({others} beyond theirs)" * (len(order) > 1)
         by = f"by {rounded(times)} times its uncertainty{more}"
         return f"{name} of the {self.sensor}, {by}"
 
@@ -248,6 +249,7 @@ class CalibrationComparison(Told):
             headline = f"Yes: a drift{causes}. Most: {'; '.join(moved)}."
         elif self.alike:
             headline = f"Cannot tell: {same}"
+            do = f"{do} Compare calibrations of two recordings.".strip()
         else:
             headline = "No: the same within uncertainties."
         answers: dict[bool | None, Answer] = {

@@ -44,6 +44,7 @@ class FilterRun:
     told: float = 0.0  # relative sd of NIS, by how well the noise told is known
     # m/s^2, of real acceleration while moving, where the noise told is less; else 0
     motion: float = 0.0
+    cautious: bool = False  # it was given an upper limit of the gyroscope's walk
 
 
 def in_view(start: Start, found: Signals, truth: Float[Array, "n 4"]) -> Start:
