@@ -208,6 +208,7 @@ def command(
     rows = [f"{name}: {short(each)}" for name, each in python.items()]
     account = replace(
         account,
+        title=f"{account.title} for",
         source=", ".join(each.name for each in courses),
         facts=[*account.facts, *(f for each in courses for f in each.said), *facts],
         notes=[Note(words="As arguments of Python packages:", matrix="\n".join(rows))],
@@ -344,8 +345,10 @@ class Course(NamedTuple):
         sums, n = np.append(0.0, np.cumsum(turn)), min(most, len(turn))
         a = int(np.argmax(sums[n:] - sums[:-n]))
         if n < len(turn):
-            words = f"{self.name}: {time[a]:.4g} to {time[a + n]:.4g} s turn most"
-            said += (Fact("part", f"{words}; fewer rows a second make it longer"),)
+            words = (
+                f"{self.name}: {time[a]:.4g} to {time[a + n]:.4g} s, which turn most"
+            )
+            said += (Fact("part", f"{words}; a lower --rate takes more of it"),)
         rows = slice(a, a + n + 1)
         return self._replace(
             time=time[rows], attitude=q[rows], felt=felt[a : a + n], said=said
@@ -516,7 +519,7 @@ def measured(
     }
     size: dict[str, float] = {}
     ends: list[dict[str, float]] = [{}, {}]
-    words, below = f"measured, {path.name}; the largest of the axes", False
+    words, below = f"measured ({path.name}), the largest of the axes", False
     for name, (sensor, kind) in NOISES.items():
         axes, unit = sensors[sensor]
         if not axes:
@@ -538,8 +541,8 @@ def measured(
             seconds = min(axis.rows / axis.rate_hz for axis in axes)
             value, below = 3.0**0.5 * size["N"] / seconds, True
             low, high = NOTHING * value, bound or value
-            words += f"; {kind} is below what {seconds:.0f} s can show, and what "
-            words += "doubles the variance of their mean is taken"
+            words += f"; {kind} is below what {seconds:.0f} s can show, and is taken "
+            words += "as what doubles the variance of their mean"
         size[name] = value
         for end, limit in zip(ends, (low, high), strict=True):
             if value > 0.0 and 0.0 < limit < np.inf:

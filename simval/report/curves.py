@@ -92,7 +92,7 @@ STEEPEST = 12.0
 """Slopes are sought between plus and minus this: twice the greatest order
 of a formula."""
 FINEST = 5e-4
-"""Half of an interval of a slope that is said."""
+"""Half of the narrowest 95 % interval that is stated with a slope."""
 _GRIDS = 7  # the last has a step of 2e-11
 
 
@@ -104,9 +104,10 @@ class Slope:
     half_width: float  # half of the 95 % interval
 
     def __str__(self) -> str:
-        """Slope and interval in words; what no figure shows is left out."""
-        seen = self.half_width >= FINEST
-        return measured(self.value, self.half_width) if seen else f"{self.value:.3f}"
+        """The slope ± one standard deviation, which is left out where it is tiny."""
+        if self.half_width < FINEST:
+            return f"{self.value:.3f}"
+        return measured(self.value, self.half_width / Z95)
 
 
 def fitted_slope(

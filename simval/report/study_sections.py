@@ -108,7 +108,7 @@ def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
     table = Table(
         name=f"{anchor}-slopes",
         fold=(said if found else "Slopes along the axis") if well else "",
-        caption=f"Slopes along the axis, with 95 % intervals: {spelled(anchor)}",
+        caption=f"Slopes along the axis: {spelled(anchor)}",
         columns=(
             Column("statistic"),
             Column("of"),

@@ -598,9 +598,7 @@ def plan_account(
     result: Plan, turned: GyroscopePlan | None = None, noise: str = "noise"
 ) -> Account:
     """State a plan, with that of a gyroscope, and by its name what the `noise` is."""
-    free = result.poses - PARAMETERS
     said = counted(result.poses, "pose")
-    said += f" ({counted(free, 'degree')} of freedom)" * (free >= 0)
     said += f", {counted(turned.rotations, 'rotation')}" if turned else ""
     size = f"{rounded(result.noise_std, 4)} {result.reading}"
     replies = [_poses_good(result), _next_pose(result)]
@@ -631,11 +629,13 @@ def _poses_good(result: Plan) -> Reply:
         more = PARAMETERS - result.rank
         do = f"Add {more} or more, the first as below, and plan again."
         return Reply(title=GOOD, headline=headline, answer=answer, do=do)
+    free = counted(result.poses - PARAMETERS, "degree")
     lines: tuple[str, ...] = (
         f"The worst error bar is {rounded(result.geometry, 3)} times that of as many "
-        "poses all over the sphere.",
+        "poses spread evenly over the sphere.",
         f"No error bar is more than {np.max(result.sd / result.bound):.2f} times the "
         "Cramér-Rao bound.",
+        f"The poses leave {free} of freedom.",
     )
     percent = 1e-4 * NORMAL_95 * greatest(result)["scale factor"]  # from ppm
     said, do = f"Predicted {worst_axis(result)}.", ""
@@ -650,7 +650,7 @@ def _poses_good(result: Plan) -> Reply:
     elif not result.geometry <= GEOMETRY_LIMIT:
         said = (
             f"No: the worst error bar is {rounded(result.geometry)} times that of as "
-            f"many poses all over the sphere. {said}"
+            f"many poses spread evenly over the sphere. {said}"
         )
         do = "Add poses in directions not yet covered."
     elif not percent <= 100.0 * WIDE:
@@ -670,7 +670,7 @@ def _next_pose(result: Plan) -> Reply:
         return Reply(title=HELPS, headline=f"{words}.", lines=(AXES,))
     return Reply(
         title=HELPS,
-        headline=f"{words} lowers errors by {_gain(result)}.",
+        headline=f"{words}{_gain(result)}.",
         do="Half the noise of a pose mean, or these poses four times, halves each "
         "error of the accelerometer."
         if _poses_good(result).answer == "pass"
@@ -707,7 +707,7 @@ def _next_turn(result: GyroscopePlan) -> Reply:
         f"A turn by {np.degrees(result.next_angle):.0f}° about "
         f"{_vector(result.next_axis)} from the last pose"
     )
-    gain = f": by {_gain(result)}" if np.isfinite(result.sd).all() else ""
+    gain = _gain(result) if np.isfinite(result.sd).all() else ""
     return Reply(title=HELPS, headline=f"{words}{gain}.")
 
 
@@ -730,7 +730,7 @@ def _gain(result: Plan | GyroscopePlan) -> str:
     share = 1.0 - result.sd_next / result.sd
     best = int(np.argmax(share > share.max() - _TIE))
     name, _ = forms.ENTRIES.get(result.names[best], (result.names[best], 1.0))
-    return f"{rounded(100.0 * share[best])} % at most ({name})"
+    return f" lowers the error of {name} most, by {rounded(100.0 * share[best])} %"
 
 
 def _vector(u: Float[Array, "3"]) -> str:

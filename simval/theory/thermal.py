@@ -224,11 +224,11 @@ def _account(plan: ThermalPlan) -> Account:
                 f"Predicted error of the worst axis (1 sd): {', '.join(worst)}.",
             ),
             Reply(
-                title="What would help most?",
-                headline="These rests, of all poses at all temperatures; specific "
-                "force, sensor axes.",
+                title="Which rests should be taken?",
+                headline="These, chosen from all poses at all temperatures; "
+                "directions are of the specific force, in sensor axes.",
                 do=f"{rests}Take the temperatures up and down, so that no "
-                "drift in time looks like one of the terms.",
+                "drift in time looks like an effect of temperature.",
             ),
         ),
         values=(Values(title="accelerometer", how=where, lines=lines),),

@@ -56,7 +56,7 @@ from simval.imu.calibrate.thermal import Term, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
-from simval.spelling import chance, rounded, series
+from simval.spelling import chance, counted, rounded, series
 from simval.text import number, one_line
 from simval.vocabulary import ALPHA, Model
 
@@ -67,7 +67,7 @@ FIELDS: Final = 3.1  # of strengths of the field; 22 to 67 uT are on the Earth
 NODES: Final = 96  # leave 1e-4 of a chance at 1 degree of freedom, 1e-8 from 2 on
 MANY: Final = 10**6  # degrees of freedom from which a variance is known
 SENSORS: Final = {
-    "accelerometer": ((), " m/s^2"),
+    "accelerometer": ((), " m/s²"),
     "gyroscope": ((*FIELD_NAMES[:9], "B_x", "B_y", "B_z"), " rad/s"),
     "magnetometer": (FIELD_NAMES[:12], " units of field"),
 }
@@ -167,9 +167,10 @@ class SensorComparison:
             return f"a combination of parameters of the {self.sensor}, none alone"
         name, _ = forms.ENTRIES.get(self.names[order[0]], (self.names[order[0]], 1.0))
         times = self.E_n[order[0]]
-        more = f" and {len(order) - 1} more" * (len(order) > 1)
-        by = f"by {rounded(times)} times its uncertainty{more}"
-        return f"{name} of the {self.sensor}, {by}"
+        others = counted(len(order) - 1, "other parameter")
+        by = f"by {rounded(times)} times its uncertainty"
+        by += f", with {others} beyond theirs" * (len(order) > 1)
+        return f"{name} of the {self.sensor} {by}"
 
     @property
     def change(self) -> float:
@@ -287,20 +288,20 @@ class CalibrationComparison(Told):
 
 
 def _values(each: SensorComparison) -> Values:
-    # of each parameter both values, the difference with its expanded uncertainty, E_n
+    # of each parameter both values, the difference, and E_n
     rows = zip(
         each.names, each.a.parameters.tolist(), each.a.sd.tolist(),
         each.b.parameters.tolist(), each.b.sd.tolist(), each.difference.tolist(),
-        each.U.tolist(), each.E_n.tolist(), strict=True,
+        each.E_n.tolist(), strict=True,
     )  # fmt: skip
     lines = []
-    for parameter, a, a_sd, b, b_sd, moved, U, E_n in rows:
-        known = np.isfinite(U)
+    for parameter, a, a_sd, b, b_sd, moved, E_n in rows:
+        known = np.isfinite(E_n)
         name, sign = forms.ENTRIES.get(parameter, (parameter, 1.0))
         cells = [
             Quantity(f"{name} of A", sign * a, a_sd),
             Quantity(f"{name} of B", sign * b, b_sd),
-            Quantity(f"{name}, B - A", sign * moved + 0.0, U),
+            Quantity(f"{name}, B - A", sign * moved + 0.0, float(np.hypot(a_sd, b_sd))),
             # of one data set it is 0 but for rounding
             Quantity(f"{name}, E_n", round(float(f"{E_n:.3g}"), 9) if known else None),
         ]  # fmt: skip
@@ -309,9 +310,10 @@ def _values(each: SensorComparison) -> Values:
     return Values(
         title=each.sensor,
         how=f"a corrected reading of {each.a.size:.5g}{unit} changes by up to "
-        f"{number(each.change, 3, each.a.size)}; U is of {100 * COVERAGE:g} %",
+        f"{number(each.change, 3, each.a.size)}; E_n is the difference over its "
+        f"uncertainty at {100 * COVERAGE:g} %",
         lines=lines,
-        heads=("A", "B", "B - A ± U", "E_n"),
+        heads=("A", "B", "B - A", "E_n"),
     )
 
 
