@@ -32,38 +32,38 @@ def entries(row: Row) -> str:
 
 
 def entry(place: int) -> Label:
-    """One entry of a row."""
+    """A label: the entry at one place of a row's statistic."""
     return lambda row: row.statistic.entries[place]
 
 
 def predictor(row: Row) -> str:
-    """The theory that a row is compared with."""
+    """A label: the theory that a row is compared with."""
     return row.predictor
 
 
 def family_words(row: Row) -> str:
-    """Family of a row."""
+    """A label: the family of a row's statistic, in words."""
     return row.statistic.family.words
 
 
 def words(row: Row) -> str:
-    """Family of a row, and its entries."""
+    """A label: the family of a row's statistic and its entries, in words."""
     return ": ".join((row.statistic.family.words, *row.statistic.entries))
 
 
 def of_calibration(row: Row) -> Unit:
-    """Unit of a parameter of an accelerometer, by the first letter of its entry."""
+    """Unit in which a person reads an accelerometer's parameter, T, K or B."""
     return OF_A_CALIBRATION.get(row.statistic.entries[0][:1], COUNT)
 
 
 def along_entry(row: Row) -> float:
-    """The number along which a row of a family is measured: its last entry."""
+    """The number along which a row is plotted: the last entry of its statistic."""
     return float(row.statistic.entries[-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """Common part of a figure of rows and a figure of an artifact."""
+    """What a figure of rows and a figure of an artifact have in common."""
 
     name: str  # unique on the page; its file name
     caption: str  # what the reader sees below it
@@ -87,7 +87,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure(Picture):
-    """A figure of rows: points along an axis, or a bar for each row."""
+    """A figure of rows against an axis, or as bars; a study declares it as data."""
 
     # rows that are drawn; of a family all without control variates
     rows: Sequence[Family | Statistic]
@@ -142,7 +142,7 @@ class Figure(Picture):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Artifact(Picture):
-    """A figure of the artifact files of cells."""
+    """A figure of the artifact files that cells have left."""
 
     file: Callable[[Parameters], str]  # name of the artifact of a cell's parameters
     axis: str  # words of the axis
@@ -154,7 +154,7 @@ class Artifact(Picture):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution(Artifact):
-    """The share of values of an artifact that are at most each value."""
+    """Cumulative distributions of the arrays in an artifact."""
 
     # names of the arrays of each line of each panel: ``{panel: {line: name}}``
     arrays: Callable[[Parameters], Mapping[str, Mapping[str, str]]]
@@ -166,7 +166,7 @@ class Distribution(Artifact):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
-    """Axes of a trace."""
+    """One pair of axes of a trace."""
 
     value: str  # words of the other axis
     # what is drawn, (n,), or (n, k) of a column for each of `names`; empty draws
@@ -182,7 +182,7 @@ class Strip:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trace(Artifact):
-    """Arrays of an artifact along time, or along their places."""
+    """Arrays of an artifact over time, or in their order."""
 
     strips: Sequence[Strip]  # one below the other
     along: str = ""  # array of the axis; empty counts the values from 0
@@ -217,7 +217,7 @@ class Listing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quote:
-    """A number of a sentence: a row's value, or that over its prediction."""
+    """A number in a sentence: the value of a row, or its ratio to the prediction."""
 
     of: Statistic  # of which row
     by: str = ""  # its predictor
@@ -232,7 +232,7 @@ class Quote:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """One-sentence summary of a study on the first screen."""
+    """The sentence with which the first screen sums up a study."""
 
     says: str  # with a place for each quote
     # numbers by their places; the first says how great the error of a cell is
@@ -243,6 +243,6 @@ Shown = Figure | Distribution | Trace | Listing
 
 
 def belongs(row: Row, wanted: Sequence[Family | Statistic]) -> bool:
-    """True if a row is of these families, without control variates, or statistics."""
+    """True if a row is of the wanted families (no control variates) or statistics."""
     what = row.statistic
     return what in wanted or (what.family in wanted and not what.controlled)

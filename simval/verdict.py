@@ -62,6 +62,7 @@ from simval.arrays import Array
 from simval.change import holm
 from simval.results import MAX_REMAINDER, CellName, Row, nees
 from simval.shapes import Bool, Float, Int, Shaped
+from simval.spelling import chance
 from simval.statistics import POOLED_NEES, Statistic
 
 Answer = Literal["pass", "fail", "inconclusive"]
@@ -426,7 +427,7 @@ def _reason(row: Row, p: float, limit: float, detectable: float) -> str:
         return (
             f"{row.value:.6g} against {row.prediction:.6g}: "
             f"{(off - row.remainder) / row.standard_error:.1f} standard errors beyond "
-            f"the allowed remainder, p = {p:.2g}, limit {limit:.2g}"
+            f"the allowed remainder ({chance(p)})"
         )
     least = PRACTICAL * max(abs(row.prediction), row.standard_error * sqrt(row.n))
     return (

@@ -236,8 +236,8 @@ def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
     lines = []
     if found.within:
         lines.append(
-            f"{whole(found.within)} of them changed by less than chance may: the noise "
-            "is the same, so the algorithm or its environment is not."
+            f"{whole(found.within)} of them changed by less than chance could; the "
+            "noise is the same, so the algorithm or its environment is another."
         )
     if found.predictions_changed:
         count = counted(found.predictions_changed, "prediction")
@@ -434,7 +434,7 @@ def algorithms_account(
                 lines=(f"The false-alarm rate is {found.alpha:g} for all together.",),
             )
         ],
-        values=[Values(title="Each by its size", facts=facts)],
+        values=[Values(title="Differences, the largest first", facts=facts)],
     )
 
 

@@ -185,10 +185,10 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
             Column(setting, "measured"): lambda n, s=setting: contest.accuracy[n].get(s)
             for setting in contest.settings[:MAX_SETTINGS]
         },
-        Column("bias", "number", 2, shown="bias / bound"): lambda n: worst(
+        Column("bias", "number", 2, shown="bias over bound"): lambda n: worst(
             n, bias_over_bound, float
         ),
-        Column("NEES", "measured", shown="NEES / mean"): lambda n: worst(
+        Column("NEES", "measured", shown="NEES over its mean"): lambda n: worst(
             n, honesty, lambda ratio: abs(ratio.value - 1.0)
         ),
         Column("call, ms", "number", 3): milliseconds,
@@ -197,7 +197,7 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
     counted = ""
     if any(operations(name) is not None for name in contest.algorithms):
         fields[Column("operations", "number", 5)] = operations
-        counted = ", operations of one"
+        counted = ", operations of a call"
     if any(contest.failures.values()):
         fields[Column("fails at")] = lambda n: fails_at(contest.failures[n])
     return tabulated(
@@ -205,9 +205,10 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         fields,
         name=f"{study}-algorithms",
         caption=(
-            f"RMS error over the bound in {shown}; then, over all of them: greatest "
-            "bias over the bound, worst NEES over its mean, time of a call, the same "
-            f"over that of {reference}{counted}, where it fails"
+            f"RMS error over the bound in {shown}. Then, over all settings: greatest "
+            "bias over the bound, worst NEES over its mean, time of a call in ms and "
+            f"over that of {reference} (× built-in){counted}, and the class in which "
+            "it fails most"
         ),
     )
 
@@ -263,7 +264,8 @@ def by_cell(contest: Contest) -> Table:
             Column("seed", "number", 12): lambda c: c.seed,
         },
         name=f"{contest.study}-cells",
-        caption=f"Each {contest.study} in each setting",
+        caption=f"Each {contest.study} in each setting: its error, that over the bound, "
+        "and whether it states it right (NEES)",
         shown=MAX_CELLS,
     )
 

@@ -204,7 +204,7 @@ def _families(context: Context) -> Table:
     answers = ("pass", "fail", "inconclusive", "wide")
     return Table(
         name="families",
-        caption="Answers of each family of checks",
+        caption="Checks of each kind by their answer",
         columns=(
             *map(Column, ("study", "predictor", "check")),
             *(Column(answer, "number") for answer in answers),
@@ -243,9 +243,11 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             None if v.p_value is None else v.sigmas
         ),
         Column("p", "number", 2): lambda v: v.p_value,
-        Column("limit", "number", 2): lambda v: v.limit if v.limit == v.limit else None,
+        Column("limit", "number", 2, shown="limit of p"): lambda v: (
+            v.limit if v.limit == v.limit else None
+        ),
         Column("power", "number", 2): lambda v: v.power if v.power == v.power else None,
-        Column("n", "number", 12): lambda v: v.row.n,
+        Column("n", "number", 12, shown="samples"): lambda v: v.row.n,
         Column("figure", "figure"): lambda v: (
             figures.get(key_of(v)) if v.answer == "fail" else None
         ),

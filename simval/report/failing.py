@@ -90,7 +90,7 @@ def failing_table(context: Context) -> Table | None:
         Column("against"): lambda v: v.row.predictor,
         Column("where"): lambda v: words.get(cells.get(v.cell, ""), "all cells"),
         Column("found", "measured"): lambda v: v.row,
-        Column("due", "number", 3): lambda v: v.row.prediction,
+        Column("due", "number", 3, shown="expected"): lambda v: v.row.prediction,
         Column("unit", "unit"): lambda v: v.row.unit,
         Column("beyond what is allowed"): beyond,
         Column("cells", "number"): lambda v: len(

@@ -38,7 +38,7 @@ _SIGNED: Final = [
 
 
 class Item(NamedTuple):
-    """One thing that was asked.
+    """One term that was judged: its value, what is allowed, and the verdict.
 
     Attributes
     ----------
@@ -62,13 +62,13 @@ class Item(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the term."""
+        """Name of the term."""
         return self.term.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorAudit:
-    """What was found of one sensor.
+    """Result of the audit of one sensor.
 
     Attributes
     ----------
@@ -121,14 +121,14 @@ class SensorAudit:
 
     @property
     def wrong(self) -> list[str]:
-        """Names of what is wrong."""
+        """Names of the terms that are wrong."""
         return [each.name for each in self.items.values() if each.wrong]
 
 
 def judged(
     ideal: Ideal, pieces: Pieces, rate: float, guess: Array | None
 ) -> SensorAudit:
-    """Judge a sensor: fewest wrong things, at a rate of false alarms."""
+    """Judge a sensor by the fewest errors that explain it, at a false-alarm rate."""
     state, frame = look(ideal, pieces.smooth, guess)
     bad = [np.zeros(len(each.time), bool) for each in pieces.smooth]
     value: Array = np.zeros(0)
@@ -237,7 +237,7 @@ def _size(rows: Array) -> float:
 def look(
     ideal: Ideal, pieces: Sequence[Piece], guess: Array | None
 ) -> tuple[IdealState, str]:
-    """Look at which axes and delay readings have, before anything is made linear."""
+    """Find the axes, the delay and the frame of the readings, before linearising."""
     thin = [
         each.rows(slice(None, None, max(1, len(each.time) * len(pieces) // THIN)))
         for each in pieces
