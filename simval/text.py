@@ -99,11 +99,6 @@ def interval_words(low: float, high: float, digits: int) -> str:
     return "- to -"
 
 
-def chance_words(p: float, digits: int = 2) -> str:
-    """A chance in digits; one that has no number here is not none."""
-    return f"{p:.{digits}g}" if p != 0.0 else "below 1e-300"
-
-
 def one_line(text: str) -> str:
     """Make any message fit for one line of a terminal or a table."""
     if len(text) <= LIMIT and text.isprintable():  # as nearly all are

@@ -264,8 +264,8 @@ def by_cell(contest: Contest) -> Table:
             Column("seed", "number", 12): lambda c: c.seed,
         },
         name=f"{contest.study}-cells",
-        caption=f"Each {contest.study} in each setting: its error, that over the bound, "
-        "and whether it states it right (NEES)",
+        caption=f"Each {contest.study} in each setting: its error, that over the "
+        "bound, and whether it states it right (NEES)",
         shown=MAX_CELLS,
     )
 

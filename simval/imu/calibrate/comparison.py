@@ -1,4 +1,4 @@
-r"""Comparison of two calibration files: did the sensor change between them?
+r"""Comparison of two calibration files: whether the sensor changed between them.
 
 With :math:`d = p_B - p_A` the difference of the parameters of a sensor, both in one
 form, and :math:`V = V_A + V_B` (the data are taken for independent),

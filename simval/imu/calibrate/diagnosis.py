@@ -1,4 +1,4 @@
-r"""Diagnosis of an accelerometer's fit: is it as good as its noise allows?
+r"""Diagnosis of an accelerometer's fit: whether it is as good as its noise allows.
 
 The distance of a reading to the fitted ellipsoid is, to first order,
 :math:`r_k = c_k / |\partial c/\partial y|`  (D1), in raw units. Whether a pose belongs

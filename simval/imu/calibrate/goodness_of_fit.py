@@ -48,7 +48,7 @@ from simval.account import Remark
 from simval.arrays import Array, ReadOnly
 from simval.imu.sensor import forms
 from simval.shapes import Float
-from simval.text import chance_words
+from simval.spelling import chance as p_words
 
 FALSE_ALARM: Final = 0.01
 """Chance that any item of a clean set is called an outlier."""
@@ -385,9 +385,9 @@ class SensorResiduals(ReadOnly):
         """A remark on the sensor's residuals."""
         off = float(self.deviations[self.worst])
         words = (
-            f"{self.name}: chi2 {self.chi_square:.3g} of {self.dof:.3g} "
-            f"(chance {chance_words(self.p_value, 2)}); farthest off {self.item} "
-            f"{self.worst} ({off:.3g} standard deviations)"
+            f"{self.name}: chi-square {self.chi_square:.3g} with "
+            f"{self.dof:.3g} degrees of freedom ({p_words(self.p_value)}); "
+            f"farthest off: {self.item} {self.worst}, by {off:.3g} standard deviations"
         )
         kind, do = "residuals", ""
         if self.outliers:

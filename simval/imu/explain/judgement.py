@@ -43,7 +43,7 @@ from simval.imu.explain.catalogue import (
 from simval.imu.explain.explanation import Explanation, Kind, RestMeans
 from simval.imu.explain.likelihood import Fit, along, farthest, fits, zero_of
 from simval.shapes import Float
-from simval.text import chance_words
+from simval.spelling import chance as p_words
 
 CHANCE = 1e-3  # of a misfit, by chance: what is asked at all
 REFUSED, REMARKED = 1000.0, 100.0  # odds
@@ -199,8 +199,8 @@ class Judgement(NamedTuple):
             Lines: one of the misfit, and one of each cause.
         """
         misfit = (
-            f"the rests scatter {self.misfit:.2g} times their noise (chance "
-            f"{chance_words(self.chance)})"
+            f"the rests scatter {self.misfit:.2g} times their noise "
+            f"({p_words(self.chance)})"
         )
         if not self.findings:
             return [f"{misfit}: nothing was tried"]
