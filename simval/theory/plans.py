@@ -730,11 +730,11 @@ def _gain(result: Plan | GyroscopePlan) -> str:
     share = 1.0 - result.sd_next / result.sd
     best = int(np.argmax(share > share.max() - _TIE))
     name, _ = forms.ENTRIES.get(result.names[best], (result.names[best], 1.0))
-    return f" lowers the error of {name} most, by {rounded(100.0 * share[best])} %"
+    return f" lowers errors by up to {rounded(100.0 * share[best])} % ({name})"
 
 
 def _vector(u: Float[Array, "3"]) -> str:
-    return f"({', '.join(f'{x:.3f}' for x in u)})"
+    return f"({', '.join(f'{x:.2f}' for x in u)})"
 
 
 def _rank(result: Plan | GyroscopePlan) -> Fact:

@@ -69,7 +69,7 @@ from simval.vocabulary import Iteration, Loss, Method, Model, Residual
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogCalibration(Told, ReadOnly):
-    """Calibration of a log: its rests, its accelerometer and the sensors beside it.
+    """Calibration of a log: its rests, its accelerometer and its other sensors.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class LogCalibration(Told, ReadOnly):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the calibration."""
         return calibration_account(self)
 
 
@@ -313,7 +313,7 @@ def _course(log: Log, loss: str) -> Course:
 
 
 def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
-    """A log whose rests have the means that they would have without trembling."""
+    """Log whose rests have the means that they would have without a trembling hand."""
     if not np.any(pose.trembled):
         return log
     rows = log.accelerometer.copy()
@@ -324,7 +324,7 @@ def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
 
 
 def at_reference(log: Log, **terms: Term | None) -> Log:
-    """A log as its sensors, by name, would have read at their references."""
+    """Log as its sensors would have read at their reference temperatures."""
     rows = {name.replace("gyroscope", "gyro"): own for name, own in terms.items()}
     changed: dict[str, Any] = {
         name: own.compensated(getattr(log, name), course)

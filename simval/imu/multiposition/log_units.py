@@ -1,4 +1,4 @@
-"""Unit and axes of each sensor of a log: one judgement for stated and unstated units.
+"""Unit and axes of each sensor of a log: one judgement, whether stated or not.
 
 A unit is given by the user, written in the header, or shown by the readings
 (`simval.imu.multiposition.unit_evidence`). What is stated is held against what the
@@ -155,7 +155,7 @@ def units_of(
 
 
 def unit_facts(units: Iterable[Scale]) -> tuple[Fact, ...]:
-    """What is wrong with the units and axes of a log."""
+    """Warnings about the units and axes of a log."""
     return tuple(
         Fact("unit", str(x), notable=True) for each in units for x in each.said
     )

@@ -1,4 +1,4 @@
-r"""What readings show of their unit and their axes, whatever the header says.
+r"""What readings show of their unit and axes, whatever a header says.
 
 **A vector of known length.** At rest an accelerometer reads gravity, and a magnetometer
 the Earth's field. If the sensor was turned to all sides, an ellipsoid along its axes
@@ -41,7 +41,7 @@ SAME: Final = int(np.argmax(np.trace(ORDERS, axis1=1, axis2=2)))
 
 
 class Seen(NamedTuple):
-    """What readings show of one unit of theirs, and of their axes."""
+    """What the readings of a sensor show of their unit and axes."""
 
     size: float = np.nan  # SI units in it; NaN where they show nothing
     low: float = 0.0  # SI units that are possible
@@ -76,7 +76,7 @@ _OTHER: Final = 10.0  # times that of the best axes, beyond which axes are wrong
 def seen_of(
     log: Log, stated: Mapping[str, float], matrices: Mapping[str, Float[Array, "3 3"]]
 ) -> dict[str, Seen]:
-    """What the readings of each sensor show.
+    """Find what the readings of each sensor show of their units.
 
     `stated` are SI units in one of theirs; `matrices` of calibrations, which take them
     to SI units on the axes of the accelerometer, say more than the readings alone.
