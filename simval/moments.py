@@ -13,7 +13,7 @@ from simval.shapes import Float
 
 
 def deviations(covariance: Float[Array, "... p p"]) -> Float[Array, "... p"]:
-    """Standard deviations that a covariance has."""
+    """Standard deviations from a covariance."""
     return np.sqrt(np.linalg.diagonal(covariance))
 
 
@@ -49,7 +49,7 @@ class Moments:
 
     @property
     def second_moment(self) -> Float[Array, "... p p"]:
-        """Mean of the outer product of the error with itself, (..., p, p)."""
+        """Mean outer product of the error with itself, (..., p, p)."""
         return self.covariance + outer(self.bias, self.bias)
 
     @property

@@ -1,4 +1,4 @@
-"""Pytest plug-in: a test's own function, measured and judged like a simval plug-in.
+"""Pytest plug-in: judge a test's own function like a plug-in of simval.
 
     def test_my_estimator(simval_estimator):
         simval_estimator(my_function, components="sxyz", matrix="active")
