@@ -57,7 +57,7 @@ SHIFTED: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterAdvice(ReadOnly, Told):
-    """What a filter should be given, what it then achieves, and what would help.
+    """What noise to give a filter, what it then achieves, and what would help.
 
     Attributes
     ----------
@@ -89,14 +89,14 @@ class FilterAdvice(ReadOnly, Told):
     ends: tuple[FilterEffect, ...]
 
     def given(self, factors: Factors) -> dict[str, float]:
-        """Largest of the axes, SI: N, K and the noise of a row of each sensor."""
+        """Largest axis of each noise, SI: N, K, and the noise of each sensor's row."""
         told = self.cases[0].told(factors)
         found = {NOISE: told.gyroscope_noise, WALK: told.gyroscope_walk}
         found |= {each.name: each.std for each in told.sensors}
         return {name: float(np.max(value)) for name, value in found.items()}
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values: rad, SI units."""
+        """Return the advice as plain JSON values in rad and SI units."""
         effects = {"achieved": self.settings.effect, **self.others}
         return {
             "honest": self.settings.honest,
@@ -112,7 +112,7 @@ class FilterAdvice(ReadOnly, Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the advice."""
         return advice_account(self)
 
 
@@ -193,7 +193,7 @@ def _angle(value: float) -> str:
 
 
 def _stated(found: FilterEffect) -> str:
-    """What a filter states of its error, by its NEES."""
+    """Say what error a filter states, from its NEES."""
     ratio = float(np.sqrt(3.0 / found.nees.max()))
     if abs(np.log(ratio)) < RIGHT:
         return "states its error right"
