@@ -87,40 +87,50 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure(Picture):
-    """A figure of rows against an axis, or as bars; a study declares it as data."""
+    """A figure of rows against an axis, or as bars; a study declares it as data.
 
-    # rows that are drawn; of a family all without control variates
+    Each row that `rows` names is a point. Its place is the value of the parameter
+    `along` in its cell; without `along` each row is a bar. Cells that differ in that
+    parameter alone make a line, and `lines` and `panels` divide the rows further.
+    Points are drawn with 95 % intervals that hold for all of a figure together, and
+    predictions as lines with the ratio of both below. The sentence above the figure
+    says whether the rows agree with their predictions; `what` is its subject.
+    """
+
+    # statistics that are drawn; a family means all of its rows, but for those sampled
+    # with control variates
     rows: Sequence[Family | Statistic]
-    # subject of the sentence that says whether the rows are as predicted;
-    # several, with a semicolon between, are about one of the families each
+    # subject of the sentence that says whether the rows are as predicted; several
+    # subjects, with a semicolon between, are about one of the families each
     what: str = ""
     # rows that the sentence is about, where they are not those drawn
     claimed: Sequence[Family | Statistic] = ()
-    by: str | None = None  # their predictor; None takes any
-    # parameter or family of the cell, or number of the row; empty draws bars
+    by: str | None = None  # the theory to compare with; None takes any
+    # parameter of the cell, or function of the row, that is the axis; empty draws bars
     along: str | Callable[[Row], float] = ""
-    # words of both axes, where they are not those of the parameter and the family
+    # names of both axes, where they are not those of the parameter and the family
     axis: str = ""
     value: str = ""
-    # divides the rows; None makes a panel of each group of cells
+    # title of the panel that a row is in; None makes a panel of each group of cells
     panels: Label | None = None
-    # what tells lines or bars of a panel apart: of the rows, or a parameter
+    # name of the line or bar that a row is in, or a parameter that tells lines apart
     lines: Label | str | None = None
-    # whether predictions are drawn and the rows claimed to be at them
+    # whether predictions are drawn, and the sentence compares the rows with them
     compared: bool = True
-    bound: str = ""  # predictor that is dotted below
-    theories: Sequence[str] = ()  # predictors with a line each, where there are several
-    theory: str = "theory"  # what the predictor is called in the sentence
-    level: float | None = None  # height of a line across
-    # of a panel the family whose standard error over its prediction is dotted:
-    # what lies below cannot be seen
+    bound: str = ""  # theory that is a bound, drawn as a dotted line
+    theories: Sequence[str] = ()  # further theories, drawn as a line each
+    theory: str = "theory"  # what the sentence calls the theory
+    level: float | None = None  # height of a level line
+    # by panel, the family whose relative standard error is a dotted line: what lies
+    # below it cannot be seen
     resolved: Mapping[str, Family] = field(default_factory=dict)
-    # family, predictor and words of what the values are told as a share of, where
-    # none of them can be told from zero
+    # family, theory and name of what values are stated as a share of, where none of
+    # them can be distinguished from zero
     scale: tuple[Family, str, str] | None = None
-    # leading order along the axis, or that of each line: gives a table of slopes
+    # theory's leading order along the axis, for all lines or each; adds a table of
+    # fitted slopes
     slope: float | Mapping[str, float] | None = None
-    # parameters of which the cells with the least value alone are drawn
+    # parameters of which only the cells with the least value are drawn
     least: Sequence[str] = ()
     each: bool = False  # whether each group of cells has a figure of its own
     # whether the group of cells with the most places is drawn alone
@@ -129,15 +139,15 @@ class Figure(Picture):
     over: Sequence[str] = ()
     # whether groups of cells with one place on the axis are left out
     several: bool = False
-    # value of the cell that is dotted across, or family of values along the axis
+    # value of a cell drawn as a dotted level, or family of values along the axis
     floor: Statistic | Family | None = None
-    # which cells it is about, by their parameters
+    # which cells are drawn, by their parameters
     where: Callable[[Parameters], bool] = lambda parameters: True
-    # whether an axis is logarithmic; None if its values span more than a decade
+    # whether an axis is logarithmic; None: if its values span more than a decade
     log_x: bool | None = True
     log_y: bool | None = True
-    ratio: bool = True  # whether measured over predicted stands below
-    beside: Sequence["Figure"] = ()  # whose panels stand beside its own
+    ratio: bool = True  # whether measured over predicted is drawn below
+    beside: Sequence["Figure"] = ()  # figures whose panels are drawn beside its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,13 +231,12 @@ class Quote:
 
     of: Statistic  # of which row
     by: str = ""  # its predictor
-    # in which it is told; None tells it as it is
-    unit: Unit | None = None
-    # whether it is an angle, told in degrees or, if small, in milliradians
+    unit: Unit | None = None  # unit to state it in; None: that of the row
+    # whether it is an angle, stated in degrees or, if small, in milliradians
     angle: bool = False
-    over: bool = False  # whether it is told over its prediction
-    root: bool = False  # whether its root is told, as of a variance
-    times: float = 1.0  # factor before all
+    over: bool = False  # whether its ratio to the prediction is stated
+    root: bool = False  # whether its square root is stated, as of a variance
+    times: float = 1.0  # factor to multiply it by before anything else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -57,7 +57,30 @@ _ALIKE = 1e-6  # relative: rounding of a total variance leaves 1e-8 at most
 
 
 def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
-    """Directions spread evenly over the sphere, along a golden spiral."""
+    r"""Directions spread evenly over the sphere, along a golden spiral.
+
+    Parameters
+    ----------
+    count : int
+        Number of directions, 1 or more.
+
+    Returns
+    -------
+    Array
+        Unit vectors, (count, 3), from near +z to near -z.
+
+    Raises
+    ------
+    InputError
+        If `count` is no whole number, or out of range.
+
+    Notes
+    -----
+    Direction k has :math:`z = 1 - (2k + 1)/n` and the azimuth
+    :math:`\pi (1 + \sqrt 5)(k + 1/2)`, the lattice of Gonzalez, "Measurement of areas
+    on a sphere using Fibonacci and latitude-longitude lattices" (2010): each stands for
+    an equal area, and none has a neighbour at its own height.
+    """
     count = whole_number("count", count, 1, MOST)
     index = np.arange(count) + 0.5
     z = 1.0 - 2.0 * index / count

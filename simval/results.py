@@ -141,7 +141,30 @@ def _sampled(
     predictor: str,
     remainder: Numbers = 0.0,
 ) -> Rows:
-    """Rows of sampled values with the prediction of theory."""
+    """Rows of sampled values, which are judged against the prediction of theory.
+
+    Parameters
+    ----------
+    check : str
+        Rule by which the rows are judged: ``plain``, ``control`` or ``nees``.
+    statistics : Statistic or sequence of Statistic
+        What was measured; the numbers have a value for each, or one for all.
+    value, standard_error : array_like
+        Measured values and their standard errors, in the statistics' units.
+    n : int
+        Number of independent samples.
+    prediction : array_like
+        Predicted values, in the same units.
+    predictor : str
+        Name of the theory.
+    remainder : array_like, default 0
+        Largest error of the prediction itself, by what the theory leaves out.
+
+    Returns
+    -------
+    tuple of Row
+        A row for each statistic. One whose remainder is too large is not judged.
+    """
     numbers = (value, standard_error, prediction, remainder)
     rows = _rows(check, statistics, n, predictor, *numbers)
     return tuple(beyond([row], _too_much(row))[0] for row in rows)
@@ -170,13 +193,13 @@ def beyond(rows: Iterable[Row], why: str) -> Rows:
 
 
 plain = partial(_sampled, "plain")
-"""Rows of plain samples."""
+"""Rows of plain samples: ``plain(statistics, value, standard_error, n, ...)``."""
 
 control = partial(_sampled, "control")
-"""Rows of samples with control variates."""
+"""Rows of samples with control variates; arguments as of `plain`."""
 
 nees = partial(_sampled, "nees")
-"""Rows of a normalised squared error."""
+"""Rows of normalised squared errors; arguments as of `plain`."""
 
 
 def exact(
@@ -236,14 +259,22 @@ def _rows(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What a cell of a study leaves: rows, and arrays for figures."""
+    """What a study's function returns for a cell.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        Its statistics, as `plain`, `exact`, `limit` and `unjudged` make them.
+    artifacts : mapping of str to mapping or bytes
+        Files for the page, by name: arrays by their names (stored as npz), or bytes
+        (stored as they are). Cells of a run share the names and the last one written
+        wins, so a name says which parameters its file depends on.
+    times : mapping of str to float
+        Times that were measured, s, and ratios of them; no comparison looks at them.
+    """
 
     rows: Rows
-    # file name to array (stored as npz) or bytes (stored as they are), for the report;
-    # names are shared by the cells of a run, the last one written wins, so a name says
-    # what it depends on
     artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(default_factory=dict)
-    # what was timed on the way, s and ratios of s; kept outside all that is compared
     times: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -33,10 +33,21 @@ def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """The random streams of one cell, one generator for each block of its work."""
+    """The random streams of one cell: an independent generator for each block of work.
 
-    seed: int  # the run's seed, 0 or more
-    key: tuple[int, ...]  # from `cell_key`
+    A study gets it as an argument, draws only from it, and so gives the same numbers
+    whichever process computes the cell, and whatever other cells a run has.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of the run, 0 or more.
+    key : tuple of int
+        Key of the cell, made of its name by `cell_key`.
+    """
+
+    seed: int
+    key: tuple[int, ...]
 
     def sequence(self, number: int) -> np.random.SeedSequence:
         """Seed sequence of one block, for other kinds of generator."""

@@ -40,22 +40,29 @@ FLUSH: Final = "flush after each line, as fflush(stdout) or print(..., flush=Tru
 def command_filter(words: str, **declared: Any) -> Filter:
     """Build a filter that runs a command once for each trial.
 
+    The program gets a line of numbers for each row on standard input: the step in
+    seconds, then the readings. It answers each line with one of its own, the attitude
+    in the convention that is declared, before it reads the next.
+
     Parameters
     ----------
     words : str
-        The program and its words, with what it `reads` in braces: ``./mine {start}``.
+        The program and its arguments. A setting in braces, as in ``./mine {start}``, is
+        replaced by its numbers with commas between.
     **declared
-        What else `Filter` declares: ``components``, ``matrix``, ``name`` and the like.
+        Anything else that `Filter` declares, such as ``components``, ``matrix`` or
+        ``name``; not ``make``, ``reads`` or ``batch``, which follow from the command.
 
     Returns
     -------
     Filter
-        As any other; it is run where it is measured.
+        A filter like any other. The program is started when it is measured.
 
     Raises
     ------
     UnusablePluginError
-        If the words cannot be split, name no program, or have an unknown placeholder.
+        If the words cannot be split, name no program or have an unknown placeholder, or
+        if `declared` has what follows from the command.
     """
     split = split_words(words)
     if not split:

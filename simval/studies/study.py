@@ -106,26 +106,28 @@ def ranged(default: float, words: str, least: float, most: float | None = None) 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A named experiment.
+    """A named experiment: parameters, and a function that measures something at them.
 
     Attributes
     ----------
     name : str
-        As suites and the command line call it: the name of its module.
+        Name in suites and on the command line, which is that of its module.
     title : str
-        One line for people.
+        What it measures, in one line for people.
     parameters : type of StudyParameters
-        Model of one cell's parameters.
+        Model of the parameters of one cell, with their defaults and ranges.
     run : callable
-        ``run(parameters, streams) -> Outcome``, pure.
+        ``run(parameters, streams) -> Outcome``. It draws random numbers from `streams`
+        alone, so that equal arguments give equal numbers.
     section : str or None
-        Section of the report that shows it; None draws it along what varies.
-    shown : sequence of Figure, Distribution and Listing
-        What the section shows of it.
+        Section of the page that shows it. None has one made, with its statistics along
+        whatever parameter varies.
+    shown : sequence of Figure, Distribution, Trace and Listing
+        Figures and tables of the section.
     about : str
-        What the section says before them.
+        Paragraph above them.
     headline : Headline or None
-        By which it is told on the first screen; None takes its first statistics.
+        Sentence about it on the first screen; None takes its first statistics.
     """
 
     name: str
