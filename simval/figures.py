@@ -78,8 +78,8 @@ class Picture:
     named: Label | str | None = None  # what the sentence calls a row; None is its line
     # in which a person reads the values; None is that of the rows
     unit: Unit | Callable[[Row], Unit] | None = None
-    # words of the fold that it is behind; with ``{claim}`` what it claims, and
-    # then it is open if that is not so
+    # title of the fold that hides it; ``{claim}`` in it stands for its claim, and the
+    # figure is unfolded if that fails
     fold: str = ""
     section: str = ""  # section of the report, where it is not that of its study
     columns: int = 3  # panels side by side
@@ -155,7 +155,7 @@ class Artifact(Picture):
     """A figure of the artifact files that cells have left."""
 
     file: Callable[[Parameters], str]  # name of the artifact of a cell's parameters
-    axis: str  # words of the axis
+    axis: str  # name of the axis
     # whether each cell has a figure of its own; else each has panels
     each: bool = False
     # cells that are drawn, evenly from the first to the last; for the page's size
@@ -168,7 +168,7 @@ class Distribution(Artifact):
 
     # names of the arrays of each line of each panel: ``{panel: {line: name}}``
     arrays: Callable[[Parameters], Mapping[str, Mapping[str, str]]]
-    value: str = "share"  # words of the other axis
+    value: str = "share"  # name of the other axis
     references: Sequence[float] = ()  # shares with a line across
     # lines upright, by what they are
     upright: Mapping[str, float] = field(default_factory=dict)
@@ -178,7 +178,7 @@ class Distribution(Artifact):
 class Strip:
     """One pair of axes of a trace."""
 
-    value: str  # words of the other axis
+    value: str  # name of the other axis
     # what is drawn, (n,), or (n, k) of a column for each of `names`; empty draws
     # every array of the artifact with a mark for each value
     array: str = ""
@@ -205,7 +205,7 @@ class Listing:
     """A table of rows: a line for each cell and key, a column for each statistic."""
 
     name: str  # unique on the page; its file name
-    caption: str  # what it holds; also the words of its fold
+    caption: str  # what it holds; also the title of its fold
     rows: Sequence[Family | Statistic]  # rows that stand in it
     # title of a column and what of a row stands in it; rows with the same keys
     # are one line
@@ -215,7 +215,7 @@ class Listing:
     parameters: Sequence[str] = ()
     # in which a person reads the values, where it is not that of the rows
     unit: Callable[[Row], Unit | None] = lambda row: None
-    # whether each column has one with its predictions beside it
+    # whether each column is followed by one with its predictions
     predicted: bool = False
     open: bool = False  # whether it stands at once, without a fold
     # subject of a sentence for the fold: that the rows are as predicted
@@ -229,7 +229,7 @@ class Listing:
 class Quote:
     """A number in a sentence: the value of a row, or its ratio to the prediction."""
 
-    of: Statistic  # of which row
+    of: Statistic  # statistic of the row
     by: str = ""  # its predictor
     unit: Unit | None = None  # unit to state it in; None: that of the row
     # whether it is an angle, stated in degrees or, if small, in milliradians

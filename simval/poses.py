@@ -51,7 +51,7 @@ _SAME_DIRECTION = np.radians(5.0)  # decides the words of a message only
 # 7 to 8 degrees apart. Twice as many, or half, change the variance that the next pose
 # leaves by 0.2 % at most (mean of 200 sets of 12 random poses).
 _CANDIDATES = 600
-# Of what a candidate tells on average, and of a whole parameter: far below what counts.
+# Of the average information of a candidate, and of a whole parameter: negligible.
 _UNTOLD, _NEVER_TOLD = 1e-6, 1e-12
 _ALIKE = 1e-6  # relative: rounding of a total variance leaves 1e-8 at most
 

@@ -102,7 +102,7 @@ def _judging(kind: str, config: pytest.Config) -> Check:
             text = str(checked)
         except SimvalError as error:
             text = str(error).replace("--update-baseline", UPDATE)
-        if checked is None or not checked.good:  # not above: it would be told twice
+        if checked is None or not checked.good:  # not above: it would be reported twice
             pytest.fail(text, pytrace=False)
         print(text)  # noqa: T201, for pytest's -rP and -s
         return checked

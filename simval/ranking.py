@@ -18,7 +18,7 @@ class Ranking:
     """Names by size, with those that tie with the best and with the worst."""
 
     order: tuple[str, ...]  # the least first
-    best: tuple[str, ...]  # not told apart from the least, which comes first
+    best: tuple[str, ...]  # the least first, then those that tie with it
     worst: tuple[str, ...]  # nor from the greatest, which comes first
 
     @property

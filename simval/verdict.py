@@ -382,7 +382,7 @@ def _tested(columns: _Columns, alpha: float) -> tuple[Array, Array, Array]:
     """p-value of each row, its limit, and the smallest error that would be seen."""
     obstacle, sampled = columns.obstacles, columns.sampled
     sound = obstacle == 0
-    # of too few samples nothing is said but how many are needed
+    # with too few samples only the number needed is stated
     counted = sound | (obstacle == TOO_FEW)
     p = np.where(sound & sampled, columns.p_values, np.nan)
     limit = np.where(columns.check == "limit", columns.prediction, columns.remainder)

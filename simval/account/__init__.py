@@ -73,7 +73,7 @@ class Note:
 
     words: str
     matrix: str = ""  # shown as it stands
-    lines: Sequence[str] = ()  # behind a fold with the words
+    lines: Sequence[str] = ()  # shown on request, below the words
 
 
 @dataclass(frozen=True, slots=True)

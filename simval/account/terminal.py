@@ -12,7 +12,7 @@ WIDTH = 100
 LABEL = 18
 """Columns of the label of a fact."""
 MARKS: Mapping[Answer, str] = {"pass": "✓", "inconclusive": "?", "fail": "!"}
-Style = Callable[[str, str], str]  # words, and what they are
+Style = Callable[[str, str], str]  # text, and its role
 _TOGETHER = re.compile(r" (?=[±%°<>=]|\d{3}\b)|(?<=[±<>=]) ")
 """Blanks at which no line ends: in ``a ± b``, ``7 980``, ``p = 0.5`` and ``5 %``."""
 _LONG = ("", "value", "sd", " 95 % from", "to", "least sd")

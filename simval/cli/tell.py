@@ -316,7 +316,7 @@ class Course(NamedTuple):
     name: str
     time: Array  # s, of each attitude
     attitude: Array
-    felt: Array  # specific force beside gravity's, m/s^2, of each but the first
+    felt: Array  # specific force without gravity's, m/s^2, of each but the first
     white: Mapping[str, float] = {}  # noise measured in its rests, as of `measured`
     gravity: float = EARTH
     field: Any = FIELD  # T

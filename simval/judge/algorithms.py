@@ -245,7 +245,7 @@ HONESTY = "distance of the NEES from its mean"
 class Merit:
     """One quality of two algorithms, compared in one setting."""
 
-    what: str  # the quality, of which less is better
+    what: str  # the quality; less of it is better
     setting: str  # where they were measured, in words
     cells: tuple[str, str]
     a: float

@@ -35,7 +35,7 @@ MUCH: Final = 0.1
 CLEAR: Final = 4.0
 """Standard errors by which a ratio is off."""
 
-LEAST: Final = 8  # instants by which early and late are told apart
+LEAST: Final = 8  # instants needed to distinguish early from late
 
 FACTOR: Final = 1.15
 """By which one of several ratios is off to be named."""

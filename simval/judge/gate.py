@@ -63,7 +63,7 @@ class GateResult:
     first: str = ""  # why nothing was compared though a baseline was wanted
     review: str = ""  # what was done about that, and what is to be done
     notes: tuple[str, ...] = ()  # what else a reader should know; no answer changes
-    # of which theory says nothing at the parameters of their cells: not judged
+    # rows outside the range of their theory: not judged
     outside: tuple[tuple[CellName, Row], ...] = ()
     asked: tuple[Asked, ...] = ()  # what the suite asks, and its answers
 

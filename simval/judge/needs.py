@@ -64,7 +64,7 @@ class Asked:
 
     need: Need
     question: str  # of the suite
-    unit: Unit  # in which it is told
+    unit: Unit  # in which it is stated
     found: Sequence[Found]
     why: str = ""  # nothing is told of it
 

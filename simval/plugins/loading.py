@@ -52,7 +52,7 @@ def imported_versions(files: Iterable[str]) -> dict[str, str]:
     """Version of each installed package that some Python files import."""
     tops: set[str] = set()
     for file in (each for each in files if each.endswith(".py")):
-        with suppress(OSError):  # loading it fails, in words
+        with suppress(OSError):  # loading it reports the error
             for node in _nodes(read_bytes(file, MOST_DOCUMENT)):
                 if isinstance(node, ast.Import):
                     tops |= {alias.name.partition(".")[0] for alias in node.names}
@@ -187,7 +187,7 @@ def _closure(first: Path) -> dict[str, str]:
                 hashes[str(file)] = _digest(file)
                 continue
             content = read_bytes(file, MOST_MODEL)
-        except OSError:  # whoever uses it says so, in words
+        except OSError:  # whoever uses it reports that
             hashes[str(file)] = ""
             continue
         hashes[str(file)] = hashlib.sha256(content).hexdigest()

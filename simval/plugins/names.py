@@ -76,7 +76,7 @@ def words_of(text: str) -> list[str]:
     """Words of a command; none if it cannot be split."""
     try:
         return shlex.split(text.removeprefix(COMMAND))
-    except ValueError:  # the study says so, in words
+    except ValueError:  # the study reports that
         return []
 
 

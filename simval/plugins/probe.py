@@ -239,7 +239,7 @@ def what_fits(
             yield f"{declare if other.spelled(estimator) else ''}{words}"
     number, count = len(exact.truth), len(exact.vectors) // 2
     yield from _fitting_frames(estimator, exact)
-    # of equals the declared one, which is told without its words
+    # among equals the declared one, which needs no mention
     best = max(fits, key=lambda each: (fits[each].sum(), not each.spelled(estimator)))
     fitting = int(fits[best].sum())
     shares = failure_shares(best if fitting else estimator, CASES, count, exact.noise)

@@ -283,7 +283,7 @@ def stepped(
             if ours:
                 given = [[] for _ in given]
                 answers = own.update_rows(readings.dt[rows], *columns)
-                columns = []  # of which it changes none
+                columns = []  # which it does not change
                 one = {word: a[0] for word, a in answers.items()}
                 form = form or form_of(filter, one, readings.lead)
                 # what is kept, and the last row, to which a NaN is carried on

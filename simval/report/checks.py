@@ -78,7 +78,7 @@ def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
     if not any(study == "filter" for study, _, _ in failing):
         return []
     cells = list(context.cells("filter"))
-    if context.against is not None:  # the other run beside it
+    if context.against is not None:  # the other run too
         runs = context.run, context.against.run
         cells = [
             replace(cell, parameters={**cell.parameters, "run": run.folder.name})

@@ -28,7 +28,7 @@ FAILING = 8
 class Reason(NamedTuple):
     """A reason why a run does not pass."""
 
-    said: str  # a sentence with a number
+    said: str  # sentence with a number
     more: str = ""  # what it rests on, and what is not wrong
     look: str = ""
     command: str = ""

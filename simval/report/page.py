@@ -100,7 +100,7 @@ class Chapter:
     """A section with a fold of its own."""
 
     section: Section
-    mark: str  # how many of its checks are no pass, in words; empty where all are
+    mark: str  # how many of its checks do not pass, in words; empty if all pass
     answer: Answer  # the worst of them
     open: bool
 

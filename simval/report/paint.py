@@ -272,7 +272,7 @@ def _sheet(
     """Lay out one panel with the room that its words need."""
     down = EDGE if frame.y.label else 0.0
     ink: list[Ink] = []
-    # the words of the axis may say as much
+    # the name of the axis may say the same
     title = frame.title if titled else ""
     title = "" if frame.y.label.startswith(title) else title
     for text, size in ((title, TITLE), (frame.y.label, SIZE)):

@@ -225,7 +225,7 @@ def _moment_rows(
         if label == stat.ORDER_4_SOURCE:
             yield from unjudged(*given, remainder)
             continue
-        # beside a formula's, plain samples see a covariance, but hardly a bias
+        # plain samples show a formula's covariance, but hardly its bias
         most = len(ENTRIES) if label == stat.EXACT else len(COMPONENTS)
         value, error = stated(
             _entries(controlled), expected, remainder, controlled.samples

@@ -381,7 +381,7 @@ def response_rows(
         stat.COVARIANCE_OFF("stated"), apart(claimed, predicted.covariance),
         0.0, stat.FIRST_ORDER, MET * worse**4,
     )  # fmt: skip
-    if residual == "adjusted":  # takes its bias out by the noise that it is told
+    if residual == "adjusted":  # subtracts its bias by the noise that is stated
         return rows
     off = np.abs(predicted.bias - found.bias(noise)) / predicted.sd
     return rows + exact(

@@ -50,6 +50,7 @@ from simval.poses import PARAMETERS
 from simval.results import Outcome, Row, Rows, exact, nees, unjudged
 from simval.scene import Trajectory, simulate_cached
 from simval.shapes import Float, Int
+from simval.spelling import counted
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import (
@@ -396,8 +397,8 @@ def _intervals(content: Mapping[str, Array]) -> str:
     """Say how many intervals were found, and how many true rests there are."""
     found, true = len(content["intervals"]), len(content["truth"])
     if not true:
-        return f"{found} intervals, and the sensor is never truly at rest."
-    return f"{found} intervals; there are {true} true rest{'s' * (true > 1)}."
+        return f"{counted(found, 'interval')}, and the sensor is never truly at rest."
+    return f"{counted(found, 'interval')} found, of {counted(true, 'true rest')}."
 
 
 FIGURES = (

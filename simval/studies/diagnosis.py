@@ -81,7 +81,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Fault]]] = MappingProxyType({
     "in no catalogue": UNLISTED,
 })  # fmt: skip
 SOUND_LOGS: Final = 16  # of each kind to one with a fault, which takes 100 times longer
-UNIFORM: Final = 512  # logs of known noise: their mean chance is then told to 0.013
+UNIFORM: Final = 512  # logs of known noise: enough to know their mean chance to 0.013
 ACROSS: Final = 5.0  # times the noise along gravity, of means of known noise
 ODDS: Final = 10.0  # at which Markov's bound is asked where it counts
 SELDOM: Final = 1e-5

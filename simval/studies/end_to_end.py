@@ -286,7 +286,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     step = compose(conjugate(wanted.q), estimates[:, -1])
     rotation = 2.0 * step[..., :3] * np.sign(step[..., 3:])
     measured = np.mean(attitude_error(estimates, wanted.q) ** 2, axis=2).T
-    # below zero only by rounding, of what is nothing beside the rest
+    # below zero only by rounding of a negligible part
     predicted = np.maximum(np.linalg.trace(parts).mean(axis=1).T, 0.0)
     square = mean_of(np.mean(normalised_squares(rotation, parts[:, :, -1]), axis=1))
     g, whole = scenario.tumble.g, np.maximum(stds.max(axis=1), mean_std)

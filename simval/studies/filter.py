@@ -159,7 +159,7 @@ class Filtering(Problem[Filter, str, Answers]):
         if parameters.reference and not parameters.anywhere and not way.disturbed:
             scenario = parameters.named_scenario
             rows += stated_row(plugin, self.told, probed, (scenario, parameters.rate))
-            if parameters.wrong == Wrong():  # as they do not depend on what it is told
+            if parameters.wrong == Wrong():  # as they do not depend on its settings
                 rows += response_rows(plugin.make, scenario)
         return rows
 
@@ -361,7 +361,7 @@ def measured_rows(
     found = beyond(rows, moved("the second order", left.max()) or turned)
     if not parameters.reference or parameters.anywhere:
         return found
-    if turned or not judged:  # else it is what is said above
+    if turned or not judged:  # else the row above has it
         carried = predicted_rows(answers, theory, first_order, left_of_told)
         # a start's is forgotten slowly; what goes on through a run counts by its mean
         most = max(left.max(), left_of_told.mean())

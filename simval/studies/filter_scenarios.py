@@ -286,8 +286,8 @@ class Imperfect:
     gyroscope_walk: float  # K, rad/s^2/sqrt(Hz)
     accelerometer_noise: float  # per axis and row, m/s^2
     magnetometer_noise: float  # per axis and row, T
-    start_std: float  # per axis, rad, of the start that is told
-    bias_std: float  # per axis, rad/s, about the 0 that is told
+    start_std: float  # per axis, rad, of the start that is given
+    bias_std: float  # per axis, rad/s, about the 0 that is given
     M: Float[Array, "3 3"]  # which the gyroscope multiplies rates by; I is right
     calibration_std: float  # of each entry of M about that, a trial's own
 

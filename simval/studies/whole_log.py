@@ -222,7 +222,7 @@ class Judged:
             return
         for name, slope in WARM.items():
             own = found.taken.thermal.get(name)
-            # of a square that chance has put beside it, the scatter left is too small
+            # with a square that only chance added, the remaining scatter is too small
             if own is not None and own.terms == LINE:
                 self.terms(name, own, slope)
         off = found.taken.G - FORCE

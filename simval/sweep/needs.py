@@ -97,6 +97,6 @@ class Need(BaseModel):
         return float(found[1]), found[2]
 
     def factor(self, unit: str) -> float | None:
-        """Factor that turns the limit into the unit of a row; None if they do not fit."""
+        """Factor from the limit to the unit of a row; None if they do not fit."""
         own = in_ascii(unit)
         return UNITS.get(own, {own: 1.0}).get(self.limit[1])

@@ -39,7 +39,7 @@ OTHERS: Final[Mapping[str, Factors]] = {TRUE: {}} | {
 HALF: Final = 0.5
 NO_GAIN: Final = 0.99  # of an error over that of now
 RIGHT: Final = 0.055  # logarithm of an error that is stated as right: 5 %
-UNEVEN: Final = 5.0  # times of an error about one axis, stated, that are said
+UNEVEN: Final = 5.0  # times the real error about one axis that is reported
 FORCE, FIELD = Unit("mm/s²", 1e3), Unit("µT", 1e6)
 GIVEN: Final = {
     NOISE: ("gyroscope white noise N", OF_A_DATA_SHEET["gyro"]["N"]),

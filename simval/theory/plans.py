@@ -712,7 +712,7 @@ def _next_turn(result: GyroscopePlan) -> Reply:
 
 
 def _both(first: Reply, second: Reply) -> Reply:
-    # one answer for two sensors, whose Yes or No is said twice only if they differ
+    # one answer for two sensors; Yes or No stands twice only if they differ
     more = second.headline
     if first.answer == second.answer:
         bare = more.removeprefix("Yes: ").removeprefix("No: ")

@@ -105,7 +105,7 @@ class Audit(Told):
             yield FRAMES[found.frame]
         constant, g = found.items["constant"], np.linalg.norm(self.declared.down)
         of_gravity = abs(np.linalg.norm(constant.value) / g - 1.0) < NEAR
-        fixed = False  # whether the constant stands for gravity, and was said
+        fixed = False  # whether a constant was reported that stands for gravity
         for item in found.items.values():
             if not (item.wrong and item.term.question in self.only):
                 continue
@@ -412,7 +412,7 @@ def _vector(v: Array) -> str:
 
 
 def _axes(good: Mask) -> str:
-    # of a vector, axes that are not told
+    # axes of a vector that the motion does not show
     if len(good) != 3 or not good.any():
         return ""
     return " along " + ", ".join(a for a, ok in zip("xyz", good, strict=True) if not ok)

@@ -215,13 +215,13 @@ def _items(
     constant = items["constant"]
     if not constant.wrong and np.linalg.norm(bias) > LARGE * BIAS[ideal.name]:
         constant = Item(constant.term, bias, sd, z * sd, True, constant.judged)
-    # what is not seen of it is none
+    # a component that is not seen counts as zero
     items["constant"] = constant._replace(judged=np.ones(3, bool))
     return items
 
 
 def _far(rows: TermRows, left: Float[Array, "n 3"], size: float) -> Mask:
-    # readings far off, beside the size that they have in all
+    # readings far off, relative to the size of all readings
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
     size = np.hypot(size, _size(rows.reading))
     *errors, rounding = np.abs(rows.errors)  # of which a spline has more at its ends
@@ -323,13 +323,13 @@ def _by_hands(
 ) -> list[tuple[str, Array]]:
     # mounts of right-handed and of left-handed axes
     near = [_nearest(y, right, guess, sign) for sign in (1.0, -1.0)]
-    if name == "gyroscope":  # a faint motion may tell them apart
+    if name == "gyroscope":  # even a faint motion may distinguish them
         near = [_settled(y, right, each) for each in near]
     return [*zip(("", "reversed"), near, strict=True)]
 
 
 def _settled(y: Array, right: Array, mount: Array) -> Array:
-    # turned to the least squares beside a constant
+    # turned to the least squares, with a constant fitted too
     turns = np.einsum("kij,nj->nik", _TURNS, right).reshape(-1, 3)
     columns = np.hstack([turns, np.tile(np.eye(3), (len(y), 1))])
     for _ in range(ROUNDS):

@@ -55,7 +55,7 @@ INSTANTS: Final = (0.0, 0.5, -0.5)
 over the step after."""
 Explained = Literal["all", "mainly", "no"]
 RANK: Final = 1e-11
-HIDDEN: Final = 1e-4  # of a parameter, in directions that are not told
+HIDDEN: Final = 1e-4  # share of a parameter in directions that are not determined
 TINY: Final = 1e-150
 
 

@@ -131,7 +131,7 @@ class SensorComparison:
     def _squares(
         self, alpha: Float[Array, "i 1"], beta: Float[Array, " j"]
     ) -> Float[Array, "i j"]:
-        # over the covariances times these, and what gravity adds; NaN if not told
+        # by the covariances times these, and what gravity adds; NaN if not known
         sd = np.sqrt(np.diagonal(self.a.covariance + self.b.covariance))
         A, B = (x.covariance / np.outer(sd, sd) for x in (self.a, self.b))
         if not np.isfinite(A + B).all() or np.linalg.eigvalsh(A + B)[0] < 1e-12:
@@ -506,7 +506,7 @@ class _StatedFile:
     states: dict[str, State]
     more: set[str]
     warm: dict[str, Term]
-    seen: tuple[float, ...]  # least and greatest temperature of its rests, if told
+    seen: tuple[float, ...]  # least and greatest temperature of its rests, if known
     g: Gravity
     doubts: tuple[str, ...]  # of its bars, by its own checks
 

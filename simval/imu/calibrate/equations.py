@@ -55,8 +55,8 @@ class Equation(NamedTuple):
 
     value: Array  # (t, n)
     by: dict[str, Array]  # slopes by the vector of each triad, (t, n, 3)
-    own: Any = None  # by the sensor's own parameters beside its vector, (t, n, q)
-    noise: Any = None  # by its own unit noises beside its vector, (t, n, m)
+    own: Any = None  # by parameters of the sensor that are not in its vector, (t, n, q)
+    noise: Any = None  # by unit noises that are not in its vector, (t, n, m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

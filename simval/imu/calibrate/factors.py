@@ -106,12 +106,12 @@ class NoiseFactors(ReadOnly):
 
     # chi-square, rests and moves of each sensor; empty where none was judged
     sensors: tuple[SensorResiduals, ...]
-    errors: tuple[SourceError, ...]  # beside the stated noise
+    errors: tuple[SourceError, ...]  # in addition to the stated noise
     # chance that noise as stated leaves as much, in all rows or in those of any error;
     # below `CHANCE` more is asked for. NaN where none was judged
     p_value: float
     odds: float  # of any error against none, natural logarithm
-    least_determined: Combination | None  # what the fit tells worst
+    least_determined: Combination | None  # what the fit determines worst
 
     @property
     def sources(self) -> tuple[str, ...]:

@@ -436,7 +436,7 @@ _REST = (0.75, 1.25)
 # Mean |f| of a moving log, in g: g for m/s^2 is a factor of 9.8.
 _MOVING = (0.75, 8.0)
 _WINDOW = 0.5  # s; a hand at rest holds still for as long
-_FEWEST = 10  # rows of which a scatter says something
+_FEWEST = 10  # rows from which a scatter means something
 QUIET = 0.05  # scatter of a window at rest over its mean; a cheap sensor has 0.02
 
 

@@ -237,7 +237,7 @@ class Deletion:
             found = along[:, 0] ** 2 / np.where(good, room[:, 0, 0], 1.0)
             return np.where(good, found, np.nan)
         values, vectors = np.linalg.eigh(room)
-        # of what an error of the item does beside the parameters
+        # effect of an error of the item that no parameter can take up
         good = values > 1e-6 * np.maximum(values[:, -1:], NO_ROOM)
         parts = np.vecmat(along, vectors) ** 2 / np.where(good, values, 1.0)
         found = np.where(good, parts, 0.0).sum(axis=1)

@@ -150,7 +150,7 @@ def _pairs(one: Float[Array, "10 t k j"], two: Float[Array, "10 t k j"]) -> Arra
     return both
 
 
-_HOLE = 3.5  # steps; a row or two may be missing, a rotation is not told without more
+_HOLE = 3.5  # steps; with more than a row or two missing a rotation is not known
 _LEAST_REST = 3  # rows, of which two may be given to the rotations
 
 

@@ -37,7 +37,7 @@ MONOTONE: Final = 0.95
 """Of 12 rests in an order of chance one set in 500 000 has such a correlation."""
 FOLLOWS: Final = 0.9
 """Share of their variance; three axes explain as much of 24 by chance in 4e-10."""
-_ALIKE = 1e3  # condition of rates of temperature beside a constant
+_ALIKE = 1e3  # condition of rates of temperature fitted with a constant
 _AROUND = 5  # rows of a running median
 
 

@@ -320,7 +320,7 @@ def choose_thermal(
     if why:
         return ThermalChoice(rests, reason=not_modelled(why), tested=False)
     most = (len(poses) - 9 - LEAST_LEFT) // 3
-    # where it rises all the time, either is said to fit
+    # if it rises all the time, both are reported to fit
     drifts = DRIFTS if over is TIME or rests.monotone else frozenset[Kind]()
     found = temperature_effect(replace(means, temperature=rests.mean), most, drifts)
     size, terms = np.exp(min(found.odds, 700.0)), found.effects
@@ -370,7 +370,7 @@ def _fitted(
     poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: Model, g: float,
     std: Float[Array, " n"], start: Float[Array, "9"], terms: tuple[Effect, ...],
 ) -> ThermalFit | None:  # fmt: skip
-    # None where the terms cannot be told from the parameters
+    # None where terms and parameters cannot be separated
     problem = thermal_problem(poses[None], powers, model, g, std, terms)
     first = np.concatenate([start, np.zeros(3 * len(terms))])
     found = minimize(problem, first[None], _STEPS)

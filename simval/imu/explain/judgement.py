@@ -406,7 +406,7 @@ def _weight(entry: _Entry) -> float:
 
 
 def _leaders(entries: Sequence[_Entry]) -> list[_Entry]:
-    # the best of each kind and axes; more noise beside another thing explains anything
+    # the best of each kind and axes; with more noise anything would be explained
     best: dict[object, _Entry] = {}
     for entry in sorted(entries, key=_weight):
         cause = _cause(entry.explanation)

@@ -304,7 +304,7 @@ class Mekf:
 def _require_noise(
     some: Any, noise: Float[Array, " m"], variances: Float[Array, "... m"]
 ) -> None:
-    # of the innovations, beside which the noise of a reading must be seen
+    # share of the innovations at which the noise of a reading still matters
     seen = variances <= noise / LOST  # False for NaN
     if not seen.all():
         k = int(np.argmin(seen.reshape(-1, len(noise)).all(axis=0)))

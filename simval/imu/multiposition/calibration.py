@@ -301,7 +301,7 @@ def calibrate_log(
 
 
 def _course(log: Log, loss: str) -> Course:
-    # of a drift that is asked for, where it can be told and fitted
+    # of a drift that is asked for, if the rests can show it
     if log.temperature is not None:
         beside = "a temperature, by which terms go; leave its column out (--columns)"
     elif loss != "linear":
@@ -345,7 +345,7 @@ def _rest_terms(
     loss: str = "linear",
     over: Course = TEMPERATURE,
 ) -> ThermalChoice:
-    # the temperature of each rest, or its time, and what the readings owe to it
+    # temperature or time of each rest, and how the readings depend on it
     course = getattr(log, over.name)
     if course is None:
         return ThermalChoice()
@@ -483,7 +483,7 @@ def _terms(**found: Term | None) -> dict[str, Term]:
 
 
 def _wanted(log: Log, asked: Sequence[str] | None) -> Iterator[tuple[str, Array]]:
-    # sensors to calibrate beside the accelerometer, and their rows
+    # other sensors to calibrate, and their rows
     for name, samples in (("gyroscope", log.gyro), ("magnetometer", log.magnetometer)):
         if samples is not None and (asked is None or name in asked):
             yield name, samples
@@ -563,7 +563,7 @@ def _gyroscope(
 
 
 def _matrix(found: Calibration) -> Float[Array, "3 3"]:
-    # of the one sensor beside the accelerometer
+    # of the one other sensor
     return np.asarray((found.gyroscope or found.magnetometer).M)
 
 

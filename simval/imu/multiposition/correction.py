@@ -22,7 +22,7 @@ class CorrectedLog(NamedTuple):
 
     log: Log  # m/s^2, rad/s, the calibration's unit; what is not in it as it was
     sensors: tuple[str, ...]  # what is
-    said: list[str]  # of the units, and of the temperatures
+    said: list[str]  # remarks on units and temperatures
 
 
 def corrected(

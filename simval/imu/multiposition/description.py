@@ -156,7 +156,7 @@ def graver(found: Sequence[Condition]) -> list[Condition]:
 
 
 def _rests(log: Any) -> Condition:
-    # a Type A error bar takes the scatter as it is, whatever the noise was said to be
+    # a Type A error bar takes the scatter as it is, whatever noise was stated
     found, answer = log.diagnosis, log.diagnosis.judgement.answer
     by_scatter = log.fit.covariance_kind == "type A"
     holds = {"sound": True, "unknown": None if by_scatter else False}.get(answer, False)

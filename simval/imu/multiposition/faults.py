@@ -37,7 +37,7 @@ _RUN = 25  # equal readings, or rows equal to earlier ones, in a row
 # is 2e-11, so that no log of a million rows has such a run by chance.
 _NOISY = 0.36
 _BY_CHANCE = 1e-9  # of a stretch that equals any other of a log
-_LONGEST = 1000  # rows; noise so coarse that more would be needed tells nothing
+_LONGEST = 1000  # rows; noise so coarse that it would need more is not tested
 _FAR = 10.0  # robust standard deviations of a spike; noise has none in 1e22 rows
 _SHIFT = 2e-3  # of the readings' radius, by which spikes may move the mean of a rest
 _LIKE = 0.25  # least ratio of the scales of two columns that may be one channel

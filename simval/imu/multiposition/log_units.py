@@ -36,7 +36,7 @@ _KINDS: Final[dict[str, Measurand]] = {
     "magnetometer": "mag",
 }
 _RANGES: Final = {"accelerometer": "the range", "gyro": "the range, or the clock,"}
-LEVEL: Final = 0.2  # sine of a field's elevation that tells no hemisphere
+LEVEL: Final = 0.2  # sine of an elevation so small that the hemisphere stays open
 COUNTS: Final = 50.0  # times a unit that counts are smaller by, at least
 _EXAMPLES: Final = {
     "accelerometer": "m/s^2, g, mg, or m/s^2",
@@ -267,7 +267,7 @@ def _shown(sensor: str, seen: Seen, means: Float[Array, "m 3"] | None) -> Scale:
 
 
 def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[Remark, ...]]:
-    # whether the axes are those of the accelerometer, and what is said if not
+    # whether the axes are those of the accelerometer, and the remark if not
     own, told = ORDERS[seen.order], sensor != "magnetometer"
     if not told and hemisphere != "unstated" and abs(seen.upward) > LEVEL:
         # in the north the field dips, against the specific force

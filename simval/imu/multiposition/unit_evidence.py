@@ -220,10 +220,10 @@ WORSE, FLOOR = 3.0, 0.1
 Recordings leave 0.01 to 0.05 rad, and 0.15 and more with half the rate."""
 ABSURD: Final = 0.5  # rad; beyond it where no turn at all would fit, too
 SCALE: Final = 1.15  # of a gyroscope, and of the log's clock, off their units
-ABOUT: Final = 1.25  # that the size may be off, beside it, to name a unit
+ABOUT: Final = 1.25  # factor by which the size may be off for a unit to be named
 _STEPS: Final = 1.1 ** np.arange(-1.0, 2.0)  # to a neighbouring size, and back
 _LEAST, _MOST = 0.02, 30.0  # rad; what a typical pair is taken to turn
-_STILL: Final = 0.2  # of what the pair turns that turns most; less tells nothing
+_STILL: Final = 0.2  # of the turn of the pair that turns most; less shows nothing
 
 
 def _by_turns(

@@ -180,7 +180,7 @@ def weighed(
     sets, bare = _slow(few, some, extra, both) if slow else ({plain: 0.0}, np.inf)
     tried = sets
     sets = {each: D for each, D in sets.items() if kinds_of(each) not in refused}
-    # beside a walk, a ramp must show itself, or be all that is needed
+    # with a walk, a ramp must be visible itself, or be all that is needed
     least = min(sets.values())
     walk = (*plain, RAMP)
     alone = sets.get((*family.fast, RAMP, *extra), np.inf) - least <= LIKELY
@@ -253,7 +253,7 @@ def refused_together(axes: Sequence[Chosen]) -> Set[str]:
 def _likely(
     sets: dict[Components, float], plain: Components, walk: Components
 ) -> list[Components]:
-    # those that the signal does not tell apart, the simplest first
+    # those that the signal cannot distinguish, the simplest first
     limit = min(sets.values()) + LIKELY
     likely = [each for each in sorted(sets, key=sets.__getitem__) if sets[each] < limit]
     if any(RAMP in each for each in likely) and walk not in likely:

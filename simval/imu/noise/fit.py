@@ -336,7 +336,7 @@ def _weighed(
         else range(0, 1 if certain else size - LEAST_POINTS, PER_OCTAVE)
     )
     for used in dict.fromkeys([*((k, size) for k in starts), plain.used]):
-        # a walk beside Markov noise explains no filter of the sensor
+        # a walk with Markov noise is no explanation of a filter in the sensor
         both = certain or (fits and used[0] >= first)
         chosen = weighed(family, variances, used, line, slow, refused, both)
         if chosen is not None:

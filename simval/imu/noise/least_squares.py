@@ -199,7 +199,7 @@ def _whitened(
     share = 1.0 / scale
     size, count = problem.law.shape[-2:]
     # below the covariance the law and the variances: so they are below its factor,
-    # divided by it, whatever is beside them
+    # divided by it, whatever other components there are
     whole = np.zeros((len(scale), size + count + 1, size + count + 1))
     near, rows = whole[:, :size, :size], whole[:, size:, :size]
     np.multiply(covariance, share[:, :, None], out=near)

@@ -245,7 +245,7 @@ class NormalisedSquare:
     high: float
     blocks: int
     verdict: Verdict
-    told: float = 0.0  # relative sd of what is expected, by how well noise is known
+    told: float = 0.0  # relative sd of the expectation, as noise is not exactly known
 
 
 def normalised(

@@ -41,8 +41,8 @@ class FilterRun:
     output: FilterOutput  # rows counted in the log
     six: Start | None = None  # of one without a magnetometer, whose heading is free
     thinned: bool  # whether rows between the kept ones are left out
-    told: float = 0.0  # relative sd of NIS, by how well the noise told is known
-    # m/s^2, of real acceleration while moving, where the noise told is less; else 0
+    told: float = 0.0  # relative sd of NIS, as the noise given is not exactly known
+    # real acceleration while moving, m/s^2, if more than the noise given; else 0
     motion: float = 0.0
 
 
@@ -86,7 +86,7 @@ def filter_input(found: Signals, start: Start) -> FilterInput:
 
 Bound = Mapping[str, Mapping[str, float]]
 SHORTEST: Final = 2.0  # s; of a rest that is looked at, twice that for a drift
-SEVERAL: Final = 2  # rests, of one of which a drift may be what ended before
+SEVERAL: Final = 2  # rests; in a single one a drift may be a motion that has just ended
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,7 +165,7 @@ class WithTruth:
 class Stage:
     """RMS errors of one filter by one of several definitions."""
 
-    words: str  # what is changed against the step before
+    words: str  # what changes from the step before
     rms: dict[str, Rms]  # total, heading, inclination
 
 

@@ -242,7 +242,7 @@ def north(done: Sequence[Any]) -> North | None:
 
 
 def _open(one: Any, other: Any, *, estimated: bool) -> bool:
-    # whether another north exchanges two that are told apart, or leaves two undecided
+    # whether another north swaps two distinct filters, or leaves two undecided
     pairs = zip(one.truth.turned, other.truth.turned, strict=True)
     crossed = any(a > b for a, b in pairs)
     order = ranking([one, other])
@@ -420,7 +420,7 @@ def _whiteness(each: Any) -> str:
 
 
 def _values(done: Sequence[Any]) -> Iterator[Values]:
-    # filters whose heading is free apart: their numbers are of other things
+    # filters with a free heading apart: their numbers mean something else
     for free in (False, True):
         own = [x for x in done if x.truth is not None and x.truth.free is free]
         if own:

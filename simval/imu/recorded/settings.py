@@ -204,7 +204,7 @@ def _calibrated(log: Log, raw: Signals, path: str, magnetometer: Scale) -> Signa
 
 TURNS: Final = 0.05
 """rad/s, off its bias over half a second: what a rest is not, of any gyroscope."""
-STILL: Final = 0.01  # rad/s, beside noise; of what is kept of a rest that is cut
+STILL: Final = 0.01  # rad/s, on top of noise, in the part that is kept of a rest
 SHORTEST: Final = 1.0  # s; of each part of that
 
 
@@ -316,7 +316,7 @@ class Start:
     attitude: Float[Array, "4"]  # north-west-up to sensor
     told: Told
     facts: tuple[Fact, ...]  # the numbers, and where they are from
-    known: Mapping[str, float]  # relative sd of noises told, by their names
+    known: Mapping[str, float]  # relative sd of the noises given, by name
     motion: float  # m/s^2, of real acceleration while moving; 0 where the noise has it
 
     def of_nis(self, reads: Collection[str], sensors: int) -> float:
@@ -521,7 +521,7 @@ def _axes(
 
 
 def _coefficient(axes: tuple[AxisNoise, ...], kind: str, scale: float) -> float | None:
-    # root of the mean square over the axes; one that is not seen counts as nothing
+    # root mean square over the axes; an axis without a value counts as zero
     values = [c.value for axis in axes for c in axis.given if c.kind == kind]
     seen = [value for value in values if value is not None]
     if not seen or (kind == "N" and len(seen) < len(axes)):

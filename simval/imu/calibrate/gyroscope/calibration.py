@@ -369,7 +369,7 @@ def approach(
             step = -np.vecdot(back, e[active][:, None]).reshape(-1, 3, 3)
             length = np.linalg.norm(step, axis=(1, 2))
             length /= np.linalg.norm(M[active], axis=(1, 2))
-            # a step of more than a third is outside of what a linearisation tells
+            # a linearisation holds for steps up to a third
             share = np.minimum(1.0, 0.33 / np.maximum(length, 1e-300))
             M[active] += step * share[:, None, None]
             far = length > _NEAR
@@ -410,7 +410,7 @@ def drift(problem: Problem, found: JointSolution, noise: NoiseFactors) -> Drift:
     inter_rest, own, white = turns.inter_rest, here.whole[0], here.white[0]
     M = turns.split(found.theta[:, A:])[0][0]
     middle = inter_rest.middles
-    # what is no residual of a rotation tells none
+    # rows that are no residuals of rotations show no drift
     time = np.full(len(white), middle.mean())
     time[: len(own)] = np.repeat(middle, 2)
     columns = {}

@@ -205,7 +205,7 @@ class InterRest:
         return Linearised(e, moved, by_angle, whole), EC
 
     def _noise(self, made: Linearised, v: Array, E: Array) -> Float[Array, "t r r"]:
-        # covariance of the rows by the noise, and by errors beside it
+        # covariance of the rows by the noise, and by additional errors
         ends = 3 if self.size == 12 else 0
         V, (t, k, a, _) = covariance(made, self.inter_rest, self.noise, ends), E.shape
         if self.hold > 0.0:

@@ -76,7 +76,7 @@ def look(fit: Fitted, time: Float[Array, " n"], iron: float) -> dict[str, Any]:
     poses, varies = pose_chi_squares(fit), drift(fit, time)
     steady = not varies.p_value < FALSE_ALARM
     # a pose that is far off bends any curve, and a field that varies puts poses off:
-    # what takes more off the chi-square is said
+    # the one that lowers chi-square more is reported
     worst: tuple[int, ...] = ()
     rest = 1.0
     if steady or varies.drop < np.nanmax(poses, initial=0.0):
