@@ -25,6 +25,7 @@ import scipy
 from simval.arrays import Array, ReadOnly, physical_array
 from simval.imu.calibrate.gyroscope.noise import walk_covariance
 from simval.imu.calibrate.gyroscope.rest_effects import (
+    FORCE_ODDS,
     ODDS,
     Rests,
     effect,
@@ -157,7 +158,7 @@ def choose_sensitivity(
     if n < 5 + lead or values[-1] < _COPLANAR * values[0]:
         why = f"{n} rests" if n < 5 + lead else "rests whose directions lie in a plane"
         return _none(f"{why} cannot show it")
-    found = effect(rests, X[:, :lead], X[:, lead:], walk, drift)
+    found = effect(rests, X[:, :lead], X[:, lead:], walk, drift, FORCE_ODDS)
     if not (found.kept if asked is None else asked):
         return _none(found.reason)
     scale = np.diag([1.0] * lead + [1.0 / g] * 3)
