@@ -630,11 +630,13 @@ def _poses_good(result: Plan) -> Reply:
         do = f"Add {more} or more, the first as below, and plan again."
         return Reply(title=GOOD, headline=headline, answer=answer, do=do)
     free = counted(result.poses - PARAMETERS, "degree")
+    times = f"{np.max(result.sd / result.bound):.2f}"
     lines: tuple[str, ...] = (
         f"The worst error bar is {rounded(result.geometry, 3)} times that of as many "
         "poses spread evenly over the sphere.",
-        f"No error bar is more than {np.max(result.sd / result.bound):.2f} times the "
-        "Cramér-Rao bound.",
+        f"No error bar is more than {times} times the Cramér-Rao bound."
+        if times != "1.00"
+        else "Every error bar is at the Cramér-Rao bound.",
         f"The poses leave {free} of freedom.",
     )
     percent = 1e-4 * NORMAL_95 * greatest(result)["scale factor"]  # from ppm

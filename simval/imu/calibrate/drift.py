@@ -143,5 +143,5 @@ def of_a_triad(
 ) -> dict[str, Float[Array, "n ..."]]:
     """Columns of the properties of a three-axis sensor that may drift."""
     columns = np.concatenate([normal, normal * x], axis=1).T
-    names = [f"the {what} of {axis}" for what in ("bias", "gain") for axis in "xyz"]
+    names = [f"the {axis} {what}" for what in ("bias", "gain") for axis in "xyz"]
     return {**dict(zip(names, columns, strict=True)), "the biases": normal}
