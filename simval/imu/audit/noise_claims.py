@@ -1,4 +1,4 @@
-"""Noise of a simulated sensor: as claimed, and of a seed of its own on each axis."""
+"""Noise of a simulated sensor: as large as claimed, and independent on each axis."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -27,7 +27,7 @@ DIFFERENCED: Final = 1.5  # variance of a correlation of differences, of one of 
 
 
 class Claim(NamedTuple):
-    """Noise of one sensor.
+    """Measured noise of one sensor, and the claim that it was compared with.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Claim(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """Two axes whose noise is one."""
+    """Two axes that have the same noise."""
 
     one: str
     other: str
@@ -57,7 +57,7 @@ class Shared(NamedTuple):
 
 
 def noise_rows(found: SensorAudit) -> Float[Array, "n 3"] | None:
-    """What is left of the longest piece in sensor axes; None where it is no noise."""
+    """Residuals of the longest piece in sensor axes; None if they are no pure noise."""
     left = max(found.left, key=len)
     noisy = np.sqrt(np.mean(left**2)) > CLEAR * found.bound + FAINT * found.size
     explained = noisy and not found.wrong and not found.unexplained
@@ -69,7 +69,7 @@ def claims(
     rate_hz: float,
     claimed: Mapping[str, tuple[float, float, float]],
 ) -> tuple[list[Claim], list[Shared], float]:
-    """Compare noise with what is claimed, and each axis with each.
+    """Compare the noise with the claims, and each pair of axes with each other.
 
     Pairs of axes that share a noise are stated with the chance of the greatest
     correlation among all.
