@@ -366,8 +366,8 @@ def _statements(
         )
     if last < len(seconds):
         said.append(
-            f"averages over more than {seconds[last - 1]:.3g} s drift otherwise than "
-            "these components do (temperature?) and are left out"
+            f"averages over more than {seconds[last - 1]:.3g} s follow none of these "
+            "components and are left out: a drift, of temperature perhaps"
         )
     return said
 

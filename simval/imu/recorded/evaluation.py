@@ -44,6 +44,7 @@ class FilterRun:
     told: float = 0.0  # relative sd of NIS, as the noise given is not exactly known
     # real acceleration while moving, m/s^2, if more than the noise given; else 0
     motion: float = 0.0
+    cautious: bool = False  # it was given an upper limit of the gyroscope's walk
 
 
 def in_view(start: Start, found: Signals, truth: Float[Array, "n 4"]) -> Start:
