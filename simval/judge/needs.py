@@ -259,7 +259,7 @@ def _of_question(run: Run) -> Iterator[tuple[Need, Unit | None]]:
     }
     first = headline_rows(cells[0])[:1]
     for what, unit in (found or {row.statistic: None for row in first}).items():
-        yield Need(quantity=f"{study}.{what}"), unit
+        yield Need.model_validate({"quantity": f"{study}.{what}"}), unit
 
 
 def headline_rows(cell: CellResult) -> list[Row]:
