@@ -34,6 +34,7 @@ from simval.imu.statics import (
 )
 from simval.imu.statics.detector import EvenLog
 from simval.poses import PARAMETERS
+from simval.spelling import counted
 
 AXES = "xyz"
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
