@@ -310,7 +310,7 @@ def _starts_white(family: Family, variances: Float[Array, "s m"]) -> Bool[Array,
     problem = family.problem(variances, (*plain, WALK)).part(0, LEAST_POINTS)
     found = fitted(problem)
     white = problem.law[0, 0] * found.values[:, 0] > 0.5 * variances[:, 0]
-    return np.asarray(found.holds & white)
+    return found.holds & white
 
 
 def _weighed(

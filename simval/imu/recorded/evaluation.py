@@ -362,7 +362,7 @@ def _band(
 ) -> Float[Array, "k 3"]:
     A = attitude_matrix(truth)
     world = A.swapaxes(1, 2) @ own @ A
-    squares = np.diagonal(world, axis1=1, axis2=2).copy()
+    squares = np.linalg.diagonal(world).copy()
     if six:  # of what the heading drifts by
         squares[:, 2] -= squares[0, 2].copy()
     level = squares[:, 0] + squares[:, 1]
