@@ -192,7 +192,7 @@ def test_what_a_plan_says_that_helps_is_what_helps():
     found = plan(u, 0.003)
     more = plan(np.vstack([u, found.next_direction]), 0.003)
     gain = np.max(1.0 - more.sd / found.sd)
-    assert f"by {100.0 * gain:.2g} % at most" in str(found)
+    assert f"by up to {100.0 * gain:.2g} %" in str(found)
     for better in (plan(u, 0.0015), plan(np.tile(u, (4, 1)), 0.003)):
         np.testing.assert_allclose(better.sd, found.sd / 2.0, rtol=1e-9)
 

@@ -238,7 +238,7 @@ def truth_of(
     rate: float | None,
     instance: str | None,
 ) -> Truth | None:
-    """Recorded attitudes: columns of the log, a file of their own, or none."""
+    """Read the true attitudes from columns of the log or a file; None without."""
     from simval.imu.logs import read_truth
 
     if truth is not None and truth != "log" and Path(truth).exists():
@@ -267,7 +267,7 @@ def _offered(path: Path, instance: str | None) -> tuple[str, ...]:
 
 
 def filters_of(plugins: Sequence[str]) -> dict[str, str]:
-    """Words that mean one filter each, by the names that they are called in a table.
+    """Name each filter as a table calls it, with the word that loads it.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def run_on_log(
     time_limit: float,
     alignment: Alignment | None = None,
 ) -> FilterRun:
-    """Run a filter over a log, in a child process, and give its answers a name.
+    """Run one filter over a log in a child process.
 
     Raises
     ------

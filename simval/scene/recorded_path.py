@@ -1,4 +1,4 @@
-"""A trajectory of recorded poses: a smooth path with what an ideal sensor reads there.
+"""A smooth trajectory through recorded poses, and the ideal readings along it.
 
 The poses are those of the sensor. What the interpolation may be off by is the change by
 the degree of its splines (`simval.path`).

@@ -41,7 +41,7 @@ _NAMES = ("t", *_PLACES, "qx", "qy", "qz", "qs", "qw", "q0", "q1", "q2", "q3")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth(ReadOnly):
-    """Recorded attitudes, as their file has them.
+    """Recorded attitudes, as they are in their file.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def read_truth(
 def read_positions(
     path: str, *, columns: str | None = None, instance: str | None = None
 ) -> Float[Array, "n 3"]:
-    """Positions beside recorded attitudes, in the rows of `read_truth`.
+    """Read the positions that are recorded beside attitudes, row by row.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def read_topic(
 
 
 def quaternion_stems(path: str, instance: str | None = None) -> list[str]:
-    """Names of the quaternions that the header of a file seems to have."""
+    """Names of the quaternions that the header of a file seems to hold."""
     table = _table(path, instance)
     return [stem for stem, _, _ in _groups(table) if _NAMED.search(stem.rstrip("_.- "))]
 

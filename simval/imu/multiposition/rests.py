@@ -1,4 +1,4 @@
-"""The rests of a log, found by times in seconds, at any rate.
+"""The rests of a log, by times in seconds, so that any rate will do.
 
 The accelerometer finds them, and one that holds several levels is cut at its steps or
 left out (`simval.imu.statics.levels`); where the log has a gyroscope, what turns is cut
@@ -34,6 +34,7 @@ from simval.imu.statics import (
 )
 from simval.imu.statics.detector import EvenLog
 from simval.poses import PARAMETERS
+from simval.spelling import counted
 
 AXES = "xyz"
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
@@ -45,7 +46,7 @@ MISSED = 1.1
 
 
 class Level(NamedTuple):
-    """The rests of a log by one threshold."""
+    """The rests of a log, found with one threshold."""
 
     multiplier: float  # of the variance of the initial rest
     intervals: Intervals
@@ -55,7 +56,7 @@ class Level(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """The rests of a log by every threshold that agrees on their number."""
+    """The rests of a log, and the thresholds that find as many."""
 
     block: int  # rows that the detector takes together
     initial: Rest
@@ -64,7 +65,7 @@ class Detection(NamedTuple):
 
     @property
     def plateau(self) -> Iterator[Level]:
-        """The best and the others."""
+        """The best threshold's rests, then those of the others."""
         return chain([self.best], self.others)
 
 

@@ -1,4 +1,4 @@
-"""What there is to say of filters over a log: how wrong, and whether they know it.
+"""The account of filters on a log: how wrong they are, and if they state it right.
 
 An `Evaluation` states it of one filter, a `FilteredLog` of all that ran over a log.
 What a filter states is held against its errors (NEES), or against its innovations (NIS)
@@ -43,7 +43,7 @@ _NONE: Final[Mapping[str, str]] = MappingProxyType({})
 
 
 class Stated(NamedTuple):
-    """What a filter states of itself, and what is seen of that.
+    """What a filter states of its errors, compared with what is seen.
 
     Attributes
     ----------
@@ -74,17 +74,17 @@ class Stated(NamedTuple):
 
     @property
     def times(self) -> float:
-        """How many times what is stated is seen."""
+        """Ratio of the error seen to the error stated."""
         return float(np.sqrt(self.square.mean / self.square.expected))
 
     @property
     def loose(self) -> bool:
-        """Whether they agree only because a few stretches of the log make the mean."""
+        """True if both agree only because few stretches make up the mean."""
         return self.square.verdict == "consistent" and self.times >= LOOSE
 
     @property
     def holds(self) -> bool | None:
-        """Whether both agree; None where the log does not show it."""
+        """True if both agree; None if the log cannot show it."""
         if self.loose or self.square.verdict.startswith("not") or self.by_limit:
             return None
         return self.square.verdict == "consistent"
@@ -96,7 +96,7 @@ class Stated(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The verdict."""
+        """The verdict in words."""
         name, times = self.name, self.times
         if self.square.verdict == "not judged: rows":
             return "the gyroscope's rows are not what they are taken as"
@@ -119,7 +119,7 @@ class Stated(NamedTuple):
 
     @property
     def do(self) -> str:
-        """What to do about it, of a filter called {}; empty where nothing is."""
+        """What to do about it, with {} for the filter's name; empty if nothing."""
         if self.square.verdict == "not judged: rows":
             remedy = None if self.rows is None else self.rows.remedy
             options = "--gyro-rows, --gyro-delay"
@@ -144,7 +144,7 @@ class Stated(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The numbers of the verdict."""
+        """The numbers behind the verdict."""
         square = self.square
         what = {"error": "NEES", "drift": "NEES of the drift of heading"}.get(
             self.of, "NIS"
@@ -161,7 +161,7 @@ class Stated(NamedTuple):
 
 
 def stated(each: Any, *, innovations: bool = False) -> list[Stated]:
-    """What is judged of one filter: its errors, or its innovations without truth."""
+    """Judge what a filter states of its errors, or else of its innovations."""
     truth = each.truth
     squares = {} if truth is None else {"error": truth.nees, "drift": truth.drift}
     if truth is None or innovations:
@@ -179,7 +179,7 @@ def stated(each: Any, *, innovations: bool = False) -> list[Stated]:
 
 
 class North(NamedTuple):
-    """Effect of another north on a comparison of filters.
+    """Effect that another north would have on a comparison of filters.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ class North(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What there is to say of it; empty for nothing."""
+        """Say what another north would change; empty for nothing."""
         angle = np.degrees(self.turn)
         pairs = "; ".join(self.exchanged)
         if self.estimated:
@@ -217,7 +217,7 @@ class North(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The totals there."""
+        """Say the total errors with that north."""
         ends = [
             f"{name} {' and '.join(f'{np.degrees(v):.2f}°' for v in totals)}"
             for name, totals in self.totals.items()
@@ -227,7 +227,7 @@ class North(NamedTuple):
 
 
 def north(done: Sequence[Any]) -> North | None:
-    """Judge what another north would change; None without one.
+    """Find what another north would change; None if the north is not in doubt.
 
     The difference of two mean squares is linear in a small turn, so an order that both
     ends of an interval have is that of all between.
@@ -255,7 +255,7 @@ def north(done: Sequence[Any]) -> North | None:
 
 
 def _open(one: Any, other: Any, *, estimated: bool) -> bool:
-    # whether another north exchanges two that are told apart, or leaves two undecided
+    # whether another north swaps two distinct filters, or leaves two undecided
     pairs = zip(one.truth.turned, other.truth.turned, strict=True)
     crossed = any(a > b for a, b in pairs)
     order = ranking([one, other])
@@ -264,7 +264,7 @@ def _open(one: Any, other: Any, *, estimated: bool) -> bool:
 
 
 def ranking(done: Iterable[Any]) -> Ranking | None:
-    """Filters by the RMS of their total errors; None without any that has one."""
+    """Rank the filters by the RMS of their total errors; None if none has one."""
     found = {
         each.run.name: each.truth
         for each in done
@@ -447,7 +447,7 @@ def _whiteness(each: Any) -> str:
 
 
 def _values(done: Sequence[Any]) -> Iterator[Values]:
-    # filters whose heading is free apart: their numbers are of other things
+    # filters with a free heading apart: their numbers mean something else
     for free in (False, True):
         own = [x for x in done if x.truth is not None and x.truth.free is free]
         if own:

@@ -1,4 +1,4 @@
-r"""What acts on the rests of a gyroscope: odds of columns, each axis with its noise.
+r"""Odds that something acts on the rests of a gyroscope.
 
 With :math:`X_0` what is there in any case and X the columns that are asked for, the
 mean readings of the rests of one axis are
@@ -42,7 +42,7 @@ _AXES: Final = np.array(list(product([False, True], repeat=3)))[1:]
 
 
 class Rests(NamedTuple):
-    """Bias and noise of a gyroscope from its rests."""
+    """Mean readings of a gyroscope in its rests, with their times."""
 
     rates: Float[Array, "n 3"]  # mean readings, raw units
     times: Float[Array, " n"]  # s
@@ -53,7 +53,7 @@ class Rests(NamedTuple):
 
 
 class RestEffect(NamedTuple):
-    """What columns do to the rests."""
+    """Effect of some columns on the rests, with its odds."""
 
     odds: float  # natural logarithm
     needed: float  # for it to be kept
@@ -67,7 +67,7 @@ class RestEffect(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """The odds, and those needed."""
+        """Say the odds, and what odds are needed."""
         return (
             f"odds of an effect {np.exp(min(self.odds, 700.0)):.2g} ({self.needed:g} "
             "needed, which one log of a hundred without exceeds)"
@@ -82,7 +82,7 @@ def effect(
     drift: float | None,
     needed: float = ODDS,
 ) -> RestEffect:
-    """Odds and coefficients of columns beside what is there in any case.
+    """Odds and coefficients of columns, added to what is there in any case.
 
     By N of each axis, and K of all or what the rests say of each.
     """
@@ -106,7 +106,7 @@ def effect(
 
 
 def walk_odds(rests: Rests, walk: Float[Array, "3"], drift: float | None) -> float:
-    """Odds of a bias that walks, by K of all or on any axis, natural logarithm."""
+    """Odds of a bias that walks, against a constant one, natural logarithm."""
     steady, none = np.ones((len(rests.times), 1)), np.zeros((len(rests.times), 0))
     (without, _), _ = _tables(rests, steady, none, walk, 0.0)
     (by_walk, _), shares = _tables(rests, steady, none, walk, drift)
