@@ -220,9 +220,7 @@ def best_addition(
     Least totals below full rank (A-optimal on what is told) leave the next additions
     worse off: followed to full rank from three random poses, 1.4 times the variance.
     """
-    size = np.sqrt(
-        np.diagonal(given) + np.diagonal(added, axis1=1, axis2=2).max(axis=0)
-    )
+    size = np.sqrt(np.diagonal(given) + np.linalg.diagonal(added).max(axis=0))
     size = np.where(size > 0.0, size, 1.0)
     outer = np.outer(size, size)
     parts = added / outer
@@ -231,7 +229,7 @@ def best_addition(
     full = values[:, 0] > _RANK_TOLERANCE * values[:, -1]
     score = np.full(len(parts), np.inf)
     if full.any():
-        variance = np.diagonal(np.linalg.inv(later[full]), axis1=1, axis2=2) / size**2
+        variance = np.linalg.diagonal(np.linalg.inv(later[full])) / size**2
         score[full] = np.log(variance[:, wanted].sum(axis=1))
     else:
         prior = _UNTOLD * parts.mean(axis=0) + _NEVER_TOLD * np.eye(len(size))

@@ -163,5 +163,5 @@ def best_next_turn(
     axis = np.repeat(axes, len(_ANGLES), axis=0)
     angle = np.tile(_ANGLES, len(axes))
     added = turn_rows(np.broadcast_to(start, axis.shape), axis, angle)
-    best = best_addition(rows.T @ rows, np.swapaxes(added, -1, -2) @ added)
+    best = best_addition(rows.T @ rows, added.mT @ added)
     return axis[best], float(angle[best])

@@ -125,14 +125,14 @@ class Verdict:
     p_value: float | None = None  # eq. (V1); None where the row is deterministic
     # for a sampling row the p-value below which it fails (Holm's, in its family); else
     # the greatest difference allowed
-    limit: float = float("nan")
+    limit: float = np.nan
     reason: str = ""  # why it is not a pass
     # of a sampling row: what would be seen beyond the remainder, eq. (V2), and the
     # practical margin that it must not exceed
-    detectable: float = float("nan")
-    margin: float = float("nan")
+    detectable: float = np.nan
+    margin: float = np.nan
     # smallest relative change of the prediction that it fails, eq. (V3); NaN if unsound
-    power: float = float("nan")
+    power: float = np.nan
     wide: bool = False  # it passes, but allows more than it predicts: no check
 
     @property
@@ -147,7 +147,7 @@ class Verdict:
     def more(self) -> float:
         """Factor by which more samples would suffice; NaN if they suffice already."""
         if self.answer != "inconclusive" or isnan(self.detectable):
-            return float("nan")
+            return np.nan
         row, seen = self.row, float(scipy.special.ndtri(POWER))
         far, needed = self.detectable / row.standard_error, self.samples_needed
         tail = scipy.special.stdtr(freedom(row.n), seen - far)
@@ -162,7 +162,7 @@ class Verdict:
         """Distance from the prediction in standard errors, sign included."""
         row = self.row
         if row.prediction is None or not row.standard_error > 0.0:
-            return float("nan")
+            return np.nan
         return (row.value - row.prediction) / row.standard_error
 
 
@@ -409,7 +409,7 @@ def powers(rows: Iterable[tuple[CellName, Row]]) -> list[float]:
     columns = _columns([row for _, row in _members(every)])
     power = columns.power(_tested(columns, ALPHA)[2])
     found = iter(np.where(columns.obstacles == 0, power, np.nan).tolist())
-    return [float("nan") if row.check == "record" else next(found) for _, row in every]
+    return [np.nan if row.check == "record" else next(found) for _, row in every]
 
 
 def _reason(row: Row, p: float, limit: float, detectable: float) -> str:

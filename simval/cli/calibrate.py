@@ -261,8 +261,9 @@ def refusing_rests(log: Log) -> Iterator[None]:
     except RefusedError as error:
         if log.magnetometer is not None:
             error.add_note(
-                "magnetometer      alone it needs no rests, only turns to all sides: "
-                "--columns with its own names and the clock's"
+                "magnetometer      calibrated alone it needs no rests, only turns to "
+                "all sides: name the clock and mx,my,mz in --columns, and - for the "
+                "others"
             )
         raise
 

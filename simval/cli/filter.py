@@ -347,6 +347,7 @@ def run_on_log(
         thinned=stride > 1,
         told=start.of_nis(filter.reads, 1 + filter.magnetometer),
         motion=start.motion,
+        cautious=start.limit and "gyroscope_walk" in filter.reads,
     )
 
 
@@ -354,7 +355,7 @@ def _require_six(filter: Filter) -> None:
     unknown = {"field", "magnetometer_noise"}.intersection(filter.reads)
     if filter.magnetometer:
         msg = (
-            f"{filter.name} takes a magnetometer and the log has none; give a "
+            "it takes a magnetometer and the log has none; give a "
             "filter of six axes (simval:mekf-six, or your own with "
             "magnetometer=False), or name the columns of the magnetometer "
             "(--columns)"
@@ -362,7 +363,7 @@ def _require_six(filter: Filter) -> None:
         raise UnusablePluginError(msg)
     if unknown:
         msg = (
-            f"{filter.name} reads `{'`, `'.join(sorted(unknown))}`, which a log "
+            f"it reads `{'`, `'.join(sorted(unknown))}`, which a log "
             "without a magnetometer cannot give; take them out of its `reads`"
         )
         raise UnusablePluginError(msg)

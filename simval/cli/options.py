@@ -177,7 +177,7 @@ class _Gravity(click.types.FloatParamType):
             click.echo(
                 f"warning: `--g` is {g:g} m/s^2, and gravity on the Earth is "
                 f"{EARTH[0]} to {EARTH[1]}: unless the sensor is elsewhere, scales are "
-                f"then {g / EARTH[1]:.2g} times too large; state it in m/s^2",
+                f"then {g / EARTH[1]:.2g} times what they should be; state it in m/s^2",
                 err=True,
             )
         return g

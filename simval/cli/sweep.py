@@ -42,7 +42,7 @@ def command(
     suite: Annotated[str, dict(shell_complete=suites)] = "accuracy",
     out: Annotated[
         OutFolder | None,
-        "Folder of the run, new or empty.  [default: one under reports/runs]",
+        "Folder of the run; the command makes it.  [default: one under reports/runs]",
     ] = None,
     workers: Annotated[
         int,

@@ -434,6 +434,14 @@ def of_log(
     log = longest_part(log)
     with refusing(log):
         found, _ = prepared(log, None, calibration, units)
+    _, gyro, _ = found.scales
+    refuse_if(
+        gyro.axes != "as stated",
+        f"{log.path}: {'; '.join(each.words for each in gyro.said)}; its motion is not "
+        "known from axes of two kinds: correct the log, or give CALIBRATION, of this "
+        "sensor, which `simval calibrate LOG --out FILE` writes",
+    )
+    with refusing(log):
         begin = start_of(found)
     true, motion, name = begin.told, begin.motion, Path(log.path).name
     given, settings = filter_input(found, begin), asdict(true)

@@ -134,7 +134,7 @@ class Comparison:
     def sigmas(self) -> float:
         """Change in standard errors; NaN without a standard error."""
         if self.stored is None or self.value is None or not self.standard_error > 0:
-            return float("nan")
+            return np.nan
         return (self.value - self.stored) / self.standard_error
 
     @property

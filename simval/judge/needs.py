@@ -1,15 +1,19 @@
 """What a suite asks of its run: a table for each quantity, an answer for each need.
 
+A question of two axes that names no quantity asks for those that represent its study.
+
 A need is met in a cell where the value is on the right side of its limit by more than
 chance, at the run's false-alarm rate for all of them together (`simval.verdict`). Of
 few trials, and of samples without a standard error, nothing can be told.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 from typing import Any
+
+import numpy as np
 
 from simval.account import GRAVITY, Answer, Line, Quantity, Reply, Values
 from simval.change import EFFORT
@@ -23,10 +27,26 @@ from simval.spelling import (
     series,
     whole,
 )
+from simval.statistics import (
+    APART,
+    COVARIANCE_ORDER,
+    COVERAGE,
+    LEADING_ERROR_RATIO,
+    LIMIT_RATIO,
+    REST_FORCE,
+    RMS,
+    RMS_OVER_BOUND,
+    RMS_RATIO,
+    SCALE_BIAS,
+    SQUARED_ERROR,
+    VARIANCE_OVER_BOUND,
+    Statistic,
+)
+from simval.studies import STUDIES
 from simval.sweep.needs import UNITS, Need
 from simval.sweep.run import CellResult, Run
 from simval.text import did_you_mean, one_line
-from simval.units import Unit, of_row
+from simval.units import DEGREE, Unit, of_row
 from simval.verdict import ALPHA, MIN_SAMPLES, Verdict, judge
 
 BEGIN: Mapping[Answer, str] = {
@@ -35,6 +55,23 @@ BEGIN: Mapping[Answer, str] = {
 """The first words of an answer."""
 MOST_TIMES = 100.0
 """Times as many trials that are worth naming: beyond it both are the same."""
+
+
+ANY = (
+    RMS,
+    RMS_OVER_BOUND,
+    RMS_RATIO,
+    COVERAGE,
+    SCALE_BIAS,
+    SQUARED_ERROR,
+    VARIANCE_OVER_BOUND,
+    LIMIT_RATIO,
+    COVARIANCE_ORDER,
+    LEADING_ERROR_RATIO,
+    REST_FORCE,
+    APART,
+)
+"""Statistics that represent a study without a headline: the first that it has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,7 +216,8 @@ class Asked:
 
 def asked(run: Run, alpha: float = ALPHA) -> tuple[Asked, ...]:
     """Find the quantities that a run's suite asks for, and judge their needs."""
-    needs = [Need.model_validate(each) for each in run.manifest.get("need", ())]
+    stated = [Need.model_validate(each) for each in run.manifest.get("need", ())]
+    needs = dict.fromkeys(stated, None) or dict(_of_question(run))
     rows = [
         (need, cell, row)
         for need in needs
@@ -200,7 +238,47 @@ def asked(run: Run, alpha: float = ALPHA) -> tuple[Asked, ...]:
             Found(cell=cell, row=row, verdict=next(verdicts) if known else None)
         )
     question = run.manifest.get("question", "")
-    return tuple(_asked(run, need, question, own) for need, own in found.items())
+    return tuple(
+        _asked(run, need, question, own, needs[need]) for need, own in found.items()
+    )
+
+
+def _of_question(run: Run) -> Iterator[tuple[Need, Unit | None]]:
+    """Quantities of a question of two axes that names none; units of a headline."""
+    cells = [cell for cell in run.cells if cell.rows]
+    studies = {cell.study for cell in cells}
+    axes = [key for key in varying(cells) if key not in EFFORT]
+    if not run.manifest.get("question") or len(studies) != 1 or len(axes) < 2:
+        return
+    (study,) = studies
+    headline = STUDIES[study].headline if study in STUDIES else None
+    found: dict[Statistic, Unit | None] = {
+        q.of: replace(DEGREE, factor=q.times * DEGREE.factor) if q.angle else q.unit
+        for name, q in (headline.quotes.items() if headline else ())
+        if name != "over"
+    }
+    first = headline_rows(cells[0])[:1]
+    for what, unit in (found or {row.statistic: None for row in first}).items():
+        yield Need.model_validate({"quantity": f"{study}.{what}"}), unit
+
+
+def headline_rows(cell: CellResult) -> list[Row]:
+    """Rows, those that say most first: of each statistic the one farthest off."""
+    finite = [row for row in cell.rows if np.isfinite(row.value)]
+    found = []
+    for family in dict.fromkeys((*ANY, *(row.statistic.family for row in finite))):
+        rows = [row for row in finite if row.statistic.family == family]
+        judged = [row for row in rows if row.check != "record"]
+        if rows:
+            found.append(max(judged or rows, key=distance))
+    return [*found, *(row for row in finite if row not in found)]
+
+
+def distance(row: Row) -> float:
+    """How far a value is from its prediction, or from nothing."""
+    if row.prediction is None or not np.isfinite(row.prediction):
+        return abs(row.value)
+    return abs(row.value - row.prediction) / (abs(row.prediction) or 1.0)
 
 
 def _check(row: Row) -> Check:
@@ -212,8 +290,10 @@ def _first(cell: CellResult, need: Need) -> Sequence[Row]:
     return [row for row in cell.rows if str(row.statistic) == need.statistic][:1]
 
 
-def _asked(run: Run, need: Need, question: str, found: Sequence[Found]) -> Asked:
-    unit, why = of_row(found[0].row.unit) if found else of_row("1"), ""
+def _asked(
+    run: Run, need: Need, question: str, found: Sequence[Found], shown: Unit | None
+) -> Asked:
+    unit, why = shown or of_row(found[0].row.unit if found else "1"), ""
     if not found:
         cells = run.of(need.study)
         known = {str(row.statistic) for cell in cells for row in cell.rows}

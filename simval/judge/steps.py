@@ -177,7 +177,7 @@ def loss(statistic: Statistic, value: float, prediction: float | None) -> float:
     if statistic.better is None or (
         statistic.better == "prediction" and prediction is None
     ):
-        return float("nan")
+        return np.nan
     if not isfinite(value):
         return inf
     return {

@@ -277,7 +277,7 @@ def mean_square(sums: Sums, weight: Float[Array, "p p"]) -> tuple[float, float]:
     instance("sums", sums, Sums)
     weight = physical_array("weight", weight, (sums.size, sums.size))
     # an inverse is symmetric up to rounding, eps times the condition: 1e-6 allows 4e9
-    skew = np.max(np.abs(weight - np.swapaxes(weight, -1, -2)))
+    skew = np.max(np.abs(weight - weight.mT))
     if weight.ndim != 2 or not skew <= 1e-6 * np.max(np.abs(weight)):
         msg = f"`weight` has shape {weight.shape}; one symmetric matrix is needed"
         raise InputError(msg)

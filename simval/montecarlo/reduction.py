@@ -76,7 +76,7 @@ class Taylor(ReadOnly):
         Array
             Mean of c, then of the upper triangle of c c'.
         """
-        mean = 0.5 * np.trace(self.bend, axis1=1, axis2=2) + self.value[:, 0]
+        mean = 0.5 * np.linalg.trace(self.bend) + self.value[:, 0]
         second = self.slope @ self.slope.T + np.outer(mean, mean)
         second += 0.5 * np.einsum("ikl,jlk->ij", self.bend, self.bend)
         return np.concatenate([mean, second[np.triu_indices(len(mean))]])

@@ -12,22 +12,24 @@ from simval.figures import Figure
 from simval.judge.findings import reproduce
 from simval.judge.settings import axis_words, varying
 from simval.report.curves import (
+    HEIGHT,
     PREFERRED,
     Measured,
     axis_of,
     curve,
     described,
     grouped,
+    limits,
     numeric,
 )
 from simval.report.findings import Claim, claiming
 from simval.report.formatting import sign_of_entries, spelled
 from simval.report.gallery import drawn, panels_of
-from simval.report.panels import GREY, Drawing, Panel, Series
+from simval.report.panels import GREY, Drawing, Panel, Series, near
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table, tabulated
 from simval.results import CellName, Row
-from simval.statistics import NEES_AT, Statistic
+from simval.statistics import NEES_AT, RMS_OVER_BOUND_AT, Statistic
 from simval.studies import STUDIES
 from simval.sweep import Run
 from simval.sweep.run import CellResult
@@ -74,7 +76,7 @@ def failing_figures(context: Context) -> list[Drawing]:
 
 
 def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
-    """Plot over time how a failing filter departs from what it states."""
+    """Plot how a failing filter departs from what it states, error over bound below."""
     if not any(study == "filter" for study, _, _ in failing):
         return []
     cells = list(context.cells("filter"))
@@ -86,11 +88,41 @@ def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
             for cell in run.of("filter")
             if cell.rows
         ]
+    shown = [f for f in STUDIES["filter"].shown if isinstance(f, Figure)]
+    squares, error = (
+        next(figure for figure in shown if family in figure.rows)
+        for family in (NEES_AT, RMS_OVER_BOUND_AT)
+    )
+    error = replace(
+        error,
+        compared=False,
+        theories=(),
+        value="RMS error over the Cramér-Rao bound",
+    )
+    squares = replace(
+        squares,
+        name="failing-time",
+        caption=f"{squares.caption} Strip: the error over the least that there can be.",
+    )
+    strips = {
+        panel.title: replace(panel, limits=ends, height=HEIGHT)
+        for each in drawn(error, cells)
+        for panel in each.panels
+        if isinstance(panel, Panel)
+        for values in [[s.y[near(s.y)] for s in panel.series]]
+        for ends in [limits(values, [None] * len(values))]
+    }
     return [
-        drawing
-        for figure in STUDIES["filter"].shown
-        if isinstance(figure, Figure) and NEES_AT in figure.rows
-        for drawing in drawn(replace(figure, name="failing-time"), cells)
+        replace(
+            each,
+            panels=[
+                replace(panel, strips=[strips[panel.title]])
+                if isinstance(panel, Panel) and panel.title in strips
+                else panel
+                for panel in each.panels
+            ],
+        )
+        for each in drawn(squares, cells)
     ]
 
 

@@ -20,11 +20,12 @@ from simval.imu.recorded import Evaluation
 from simval.imu.recorded.description import FilteredLog
 from simval.imu.recorded.errors import WINDOW
 from simval.imu.recorded.evaluation import WithTruth, from_its_start
+from simval.imu.statics.detector import runs_of
 from simval.report.formatting import slug
 from simval.report.log_page import LogPage, linear, signal, stated
 from simval.report.panels import COLOURS, INK, Drawing, Series
 from simval.report.section import made
-from simval.shapes import Bool, Float
+from simval.shapes import Float
 from simval.spelling import measured
 from simval.units import DEGREE
 
@@ -111,10 +112,7 @@ def _beside(known: Mapping[str, WithTruth]) -> Iterator[Drawing]:
 
 def _drawing(name: str, truth: WithTruth) -> Drawing:
     errors = truth.errors
-    rests = [
-        (float(errors.time[a]), float(errors.time[b - 1]))
-        for a, b in _spans(errors.rest)
-    ]
+    rests = errors.time[runs_of(errors.rest) - [0, 1]].tolist()
     panels = [
         linear(word, "time, s", f"{word} error, degrees", _lines(truth, k), spans=rests)
         for k, word in enumerate(NAMES)
@@ -298,8 +296,3 @@ def innovations(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
         ],
         columns=1,
     )
-
-
-def _spans(rest: Bool[np.ndarray, " k"]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -21,6 +21,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.report.interactivity import entries_of, names_of
 from simval.report.panels import (
+    AREA,
     GREY,
     INK,
     LONG_CURVE,
@@ -177,6 +178,8 @@ class Frame:
     data: Sequence[tuple[str, Sequence[Sequence[Any]]]] = ()
     upward: str = ""  # what the second of them is, where it is not what the axis says
     entries: Sequence[Entry] = ()
+    # that may be named at their ends, each with what the page's script knows it by
+    named: Sequence[tuple[Series, str]] = ()
     slant: float = 0.0  # of the names below, degrees
     bare: bool = False  # without axes, and as high as wide
 
@@ -322,15 +325,30 @@ def _(panel: Panel, labels: Sequence[str]) -> Frame:
     ]
     more += [Entry(panel.shaded, [Lines([SAMPLE_BOX], **REST)])] * bool(panel.spans)
     more += [Entry("upper limit: the bar reaches 0", [_limit(s)]) for s in limits]
+    points = [end(s) for s in series]
     return Frame(
         title=panel.title,
         x=across,
         y=up,
         draw=draw,
-        points=[end(s) for s in series],
+        points=points,
+        named=_named(points, names),
         entries=_entries(panel, labels) + [entry for entry in more if entry.label],
         data=[_numbers(s, s.y) for s in series],
     )
+
+
+def _named(series: Sequence[Series], names: Sequence[str]) -> list[tuple[Series, str]]:
+    """Series that may be named at their ends: no two ends have one colour."""
+    plain = INK, GREY  # of theory, a bound, a limit
+    own = [
+        (s, name)
+        for s, name in zip(series, names, strict=True)
+        if len(s.x) and s.colour not in plain and s.line != AREA
+    ]
+    ends = {(s.colour, s.x[-1], s.y[-1]) for s, _ in own}
+    found = [each for each in own if each[0].label]
+    return found if len(ends) == len(found) else []
 
 
 def _numbers(s: Series, y: Sequence[Any] | Array) -> tuple[str, list[Sequence[Any]]]:

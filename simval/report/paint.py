@@ -18,7 +18,7 @@ import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from itertools import chain
+from itertools import chain, pairwise
 from re import compile as pattern_of
 from re import sub
 from textwrap import wrap
@@ -68,6 +68,9 @@ UPS, UP, UP_LONG = {1: 75.0, 2: 110.0}, 140.0, 75.0
 LEAST_UP = 0.6  # of that height, for few rows
 DISC = 194.0  # height of a map of directions
 LEFT, RIGHT = 30.0, 16.0  # margins, at least
+ENDS, NEAR = 84.0, 0.85
+"""Room for the names of lines at their ends, and how far along the axis these are."""
+LEADING = 0.42  # from the middles of two names to where they would touch, in heights
 EDGE = 4.0  # about all
 SPREAD = 3.0
 """How many times finer than another a scale of one quantity may be, to be shared."""
@@ -177,9 +180,16 @@ def planned(drawing: Drawing, *, legends: bool = False) -> Plan:
     if one and legends:
         own[-1] = every
     titled = legends or len(drawing.panels) > 1  # or it stands above
+    parts = [*map(_on_one_axis, parts)]
+    ends = [_ends(part, frames, up) for part, frames in zip(panels, parts, strict=True)]
+    names = [(0.0, end.text) for part in ends for each in part for end in each]
+    right = WIDTH - max(RIGHT, MARK + PAD + _widest(names, SMALL))
     made = [
-        Part(_sheets(part, frames, up, legend if legends else (), titled), legend)
-        for part, frames, legend in zip(panels, parts, own, strict=True)
+        Part(
+            _sheets(part, frames, named, right, up, legend if legends else (), titled),
+            legend,
+        )
+        for part, frames, named, legend in zip(panels, parts, ends, own, strict=True)
     ]
     return Plan(made, every if one else [], labels, finer)
 
@@ -216,28 +226,73 @@ def _share_scales(
     return finer
 
 
+def _on_one_axis(frames: list[Frame]) -> list[Frame]:
+    """Panels over one another, on the axis of all of them."""
+    low, high = min(f.x.low for f in frames), max(f.x.high for f in frames)
+    return [replace(f, x=replace(frames[0].x, low=low, high=high)) for f in frames]
+
+
+class End(NamedTuple):
+    """The name of a line at its end."""
+
+    text: str
+    height: float  # on its axes
+    key: str  # by which the page's script knows the line
+
+
+def _line_ends(panel: AnyPanel, frame: Frame, up: float) -> list[End]:
+    """Names of all lines of a panel, if there is room for each; else none."""
+    x, y = Scale(frame.x, 0.0, 1.0), Scale(frame.y, 0.0, _up(panel, frame, up))
+    found = [
+        End(broken(s.label, SLACK * ENDS, SMALL), float(y(s.y[-1])), key)
+        for s, key in frame.named
+        if x(s.x[-1]) >= NEAR
+    ]
+    found.sort(key=lambda end: end.height)
+    apart = all(
+        above.height - below.height
+        >= LEADING * (_high(above.text, SMALL) + _high(below.text, SMALL))
+        for below, above in pairwise(found)
+    )
+    return found if apart and len(found) == len(frame.named) else []
+
+
+def _ends(
+    panels: Sequence[AnyPanel], frames: Sequence[Frame], up: float
+) -> list[list[End]]:
+    """Names of lines in panels over one another; of one alone only in a strip."""
+    found = [_line_ends(*each, up) for each in zip(panels, frames, strict=True)]
+    return [own if len(found[0]) > 1 else [] for own in found]
+
+
 def _sheets(
     panels: Sequence[AnyPanel],
     frames: Sequence[Frame],
+    ends: Sequence[Sequence[End]],
+    right: float,
     up: float,
     legend: Sequence[Entry],
     titled: bool,
 ) -> list[Sheet]:
-    """Lay out panels above one another along a shared axis."""
-    if len(frames) > 1:
-        low, high = min(f.x.low for f in frames), max(f.x.high for f in frames)
-        x = replace(frames[0].x, low=low, high=high)
-        frames = [replace(frame, x=x) for frame in frames]
+    """Lay out panels above one another, the names of their lines from `right` on."""
     highs = [_up(*each, up) for each in zip(panels, frames, strict=True)]
     left = max(map(_left, frames, highs))
     found: list[Sheet] = []
-    for panel, frame, high in zip(panels, frames, highs, strict=True):
+    for panel, frame, high, own in zip(panels, frames, highs, ends, strict=True):
         top = sum(sheet.height for sheet in found)
         last = len(found) == len(panels) - 1
         named = titled and getattr(panel, "limits", None) is None  # and no strip
-        own = legend if last else ()
-        sheet = _sheet(panel, frame, left, high, top, own, last=last, titled=named)
-        found.append(sheet)
+        below = legend if last else ()
+        sides = left, right
+        sheet = _sheet(panel, frame, sides, high, top, below, last=last, titled=named)
+        names = [
+            Group([Words(end.text, right + MARK, middle, SMALL, "start")],
+                  f'class="ends" {end.key}', inside=False)
+            for end in own
+            for lift in [(_high(end.text, SMALL) - _high("1", SMALL)) / 2.0]
+            for middle in [sheet.y.start - end.height - lift]
+        ]  # fmt: skip
+        found.append(replace(sheet, groups=[*sheet.groups, *names]))
     return found
 
 
@@ -261,7 +316,7 @@ def _left(frame: Frame, up: float) -> float:
 def _sheet(
     panel: AnyPanel,
     frame: Frame,
-    left: float,
+    sides: tuple[float, float],
     up: float,
     top: float,
     legend: Sequence[Entry],
@@ -280,7 +335,8 @@ def _sheet(
             ink.append(Words(text, 1.0, down + size / 2.0, size, anchor="start"))
             down += _high(text, size) + 1.0
     down += PAD
-    x = Scale(frame.x, left, left + up if frame.bare else WIDTH - RIGHT)
+    left, right = sides
+    x = Scale(frame.x, left, left + up if frame.bare else right)
     y = Scale(frame.y, down + up, down)
     groups, down = [Group(ink, inside=False)], down + up
     if not frame.bare:

@@ -27,7 +27,7 @@ from simval.figures import Figure, Headline, Quote
 from simval.judge import needs
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.gate import outcome
-from simval.judge.needs import replies_to
+from simval.judge.needs import distance, headline_rows, replies_to
 from simval.judge.result_lines import gate_account
 from simval.judge.runs import origin_of
 from simval.judge.settings import setting_words, varying
@@ -53,21 +53,7 @@ from simval.report.study_sections import shown_of
 from simval.report.table import Column
 from simval.results import Row
 from simval.spelling import counted, rounded, whole
-from simval.statistics import (
-    APART,
-    COVARIANCE_ORDER,
-    COVERAGE,
-    LEADING_ERROR_RATIO,
-    LIMIT_RATIO,
-    REST_FORCE,
-    RMS,
-    RMS_OVER_BOUND,
-    RMS_RATIO,
-    SCALE_BIAS,
-    SQUARED_ERROR,
-    VARIANCE_OVER_BOUND,
-    Family,
-)
+from simval.statistics import Family
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
 from simval.units import COUNT
@@ -128,23 +114,6 @@ def _quoted(name: str, quote: Quote, study: str, row: Row) -> Number | None:
     return number_of(label, value, error, unit.name, beside)
 
 
-ANY = (
-    RMS,
-    RMS_OVER_BOUND,
-    RMS_RATIO,
-    COVERAGE,
-    SCALE_BIAS,
-    SQUARED_ERROR,
-    VARIANCE_OVER_BOUND,
-    LIMIT_RATIO,
-    COVARIANCE_ORDER,
-    LEADING_ERROR_RATIO,
-    REST_FORCE,
-    APART,
-)
-"""Statistics that represent a study without a headline: the first that it has."""
-
-
 def any_reading(cell: CellResult) -> Reading | None:
     """What a cell says if its study has no headline."""
     rows = headline_rows(cell)[:MOST]
@@ -157,26 +126,7 @@ def any_reading(cell: CellResult) -> Reading | None:
     ]
     first = numbers[0]
     said = "; ".join(filter(None, (f"{what[0]} {first.said}", first.beside)))
-    return Reading(said, numbers, first, _distance(rows[0]), rows[0].n)
-
-
-def headline_rows(cell: CellResult) -> list[Row]:
-    """Rows in order of importance, the worst one of each statistic."""
-    finite = [row for row in cell.rows if np.isfinite(row.value)]
-    found = []
-    for family in dict.fromkeys((*ANY, *(row.statistic.family for row in finite))):
-        rows = [row for row in finite if row.statistic.family == family]
-        judged = [row for row in rows if row.check != "record"]
-        if rows:
-            found.append(max(judged or rows, key=_distance))
-    return [*found, *(row for row in finite if row not in found)]
-
-
-def _distance(row: Row) -> float:
-    """How far a value is from its prediction, or from zero."""
-    if row.prediction is None or not np.isfinite(row.prediction):
-        return abs(row.value)
-    return abs(row.value - row.prediction) / (abs(row.prediction) or 1.0)
+    return Reading(said, numbers, first, distance(rows[0]), rows[0].n)
 
 
 # ---- the cell that is told

@@ -1,4 +1,4 @@
-"""The physics: from model files and scripts to rows that are not yet checked.
+r"""The physics: from model files and scripts to rows that are not yet checked.
 
 MuJoCo is imported when its physics is first used, so that what simulates nothing starts
 without it, and whatever `MUJOCO_GL` says. It ends its own import where that variable
@@ -16,6 +16,18 @@ All runs of one call are stepped together by MuJoCo's batch. Truth is taken from
 sensors only: after a step, MuJoCo's sensor data still describe the state before it, and
 the clock sensor with them, so a row of sensor data is of one instant, while a row of
 sensor data beside a position would not be.
+
+Where positions are wanted, too, readings have to lead from one to the next, which the
+sensors' do to the first order of the step h only. With M the inertia and D the damping
+that an integrator treats implicitly, a step from the state :math:`q_k, v_k` is
+
+.. math:: v_{k+1} = v_k + h\,(M + h D)^{-1} M a_k, \qquad
+   q_{k+1} = q_k \oplus h\, v_{k+1}; \tag{P1}
+
+the sensors read :math:`a_k` and :math:`v_k`, and the path has, to the second order,
+
+.. math:: \bar a_k = (v_{k+1} - v_k)/h, \qquad
+   \bar v_k = (v_k + v_{k+1})/2. \tag{P2}
 """
 
 import hashlib
@@ -257,6 +269,8 @@ class Rollout(NamedTuple):
     messages: list[str]  # of MuJoCo
     # generalised positions at the instants of the rows, (runs, n, nq), if asked for
     qpos: Float[Array, "runs n nq"] | None
+    # velocities at these and after the last step, (runs, n + 1, nv), with the positions
+    qvel: Float[Array, "runs n+1 nv"] | None
 
 
 def roll_out(
@@ -267,7 +281,7 @@ def roll_out(
     positions: bool = False,
 ) -> Rollout:
     """Run scripts of equal length together."""
-    recorded = ("sensordata", *["qpos"] * positions)
+    recorded = ("sensordata", *(("qpos", "qvel") if positions else ()))
     with captured_messages() as messages:
         batch, out = _batch(model, scripts, recorded, threads)
         warnings = np.array(batch.warning, dtype=np.int64)
@@ -277,12 +291,14 @@ def roll_out(
         float(np.max(path_length(model, script, end[None])))
         for script, end in zip(scripts, ends, strict=True)
     ]
-    qpos = None
+    qpos = qvel = None
     if positions:
         # sensor data are of the state before their step, so row 0 is of the start
-        starts = [model.qpos0 if s.qpos is None else s.qpos for s in scripts]
-        qpos = np.concatenate([np.array(starts)[:, None], out["qpos"][:, :-1]], axis=1)
-    return Rollout(rows, warnings, np.array(travel), messages, qpos)
+        first = [model.qpos0 if s.qpos is None else s.qpos for s in scripts]
+        qpos = np.concatenate([np.array(first)[:, None], out["qpos"][:, :-1]], axis=1)
+        begun = [np.zeros(model.nv) if s.qvel is None else s.qvel for s in scripts]
+        qvel = np.concatenate([np.array(begun)[:, None], out["qvel"]], axis=1)
+    return Rollout(rows, warnings, np.array(travel), messages, qpos, qvel)
 
 
 def path_length(
@@ -305,6 +321,33 @@ def sensor_places(
         mujoco.mj_kinematics(model, data)
         places[k] = data.site(SITE).xpos
     return places
+
+
+class PathRows(NamedTuple):
+    """What an ideal sensor reads along the path of a run, and where it is."""
+
+    specific_force: Float[Array, "n 3"]  # sensor axes, m/s^2
+    angular_velocity: Float[Array, "n 3"]  # sensor axes, rad/s
+    position: Float[Array, "n 3"]  # world axes, m
+
+
+def path_rows(model: "mujoco.MjModel", rollout: Rollout, number: int = 0) -> PathRows:
+    """Readings by (P2) of a run with positions; RK4's states are on the path as is."""
+    assert rollout.qpos is not None
+    assert rollout.qvel is not None
+    rows, qpos, qvel = (x[number] for x in (rollout.rows, rollout.qpos, rollout.qvel))
+    if model.opt.integrator == _integrator("RK4"):
+        return PathRows(rows[:, :3], rows[:, 3:6], sensor_places(model, [*qpos]))
+    gained, speed = np.diff(qvel, axis=0), (qvel[1:] + qvel[:-1]) / 2.0
+    data, own = mujoco.MjData(model), np.empty((len(rows), model.nsensordata))
+    places = np.empty((len(rows), 3))
+    states = zip(qpos, speed, gained / model.opt.timestep, strict=True)
+    with captured_messages():  # the run has shown them
+        for k, (data.qpos[:], data.qvel[:], data.qacc[:]) in enumerate(states):
+            mujoco.mj_inverse(model, data)  # the sensors of a given acceleration
+            own[k], places[k] = data.sensordata, data.site(SITE).xpos
+    read = _in_order(model, own[None])[0]
+    return PathRows(read[:, :3], read[:, 3:6], places)
 
 
 def _in_order(
@@ -332,7 +375,7 @@ def _batch(
             if value is not None:
                 row[:] = _of_shape(name, value, row.shape)
     steps = len(scripts[0].hold)
-    width = {"sensordata": model.nsensordata, "qpos": model.nq}
+    width = {"sensordata": model.nsensordata, "qpos": model.nq, "qvel": model.nv}
     # arrays of numpy's own, in huge pages: MuJoCo's would cost 7 % in page faults
     out = {name: np.empty((len(scripts), steps, width[name])) for name in what}
     batch.rollout(steps, control, spec, record=what, out=dict(out))

@@ -27,8 +27,8 @@ from simval.scene.physics import (
     load_model,
     mujoco,
     path_length,
+    path_rows,
     roll_out,
-    sensor_places,
 )
 from simval.scene.script import Scene, Script
 from simval.scene.trajectory import Trajectory, attitude_from_mujoco
@@ -244,13 +244,11 @@ def plan_of(
 
 
 def run_plan(plan: Plan, *, positions: bool = False) -> Trajectory:
-    """Simulate a plan and check its data, with the sensor's positions if asked."""
+    """Simulate a plan and check its data; along its path by (P2), if asked."""
     model = plan.physics.model
     rollout = roll_out(model, [plan.script], positions=positions)
     found = checked_trajectory(plan, rollout)
-    if rollout.qpos is None:
-        return found
-    return replace(found, position=sensor_places(model, [*rollout.qpos[0]]))
+    return replace(found, **path_rows(model, rollout)._asdict()) if positions else found
 
 
 def write_script(

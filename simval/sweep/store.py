@@ -85,7 +85,10 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         If there is no such file, it is no store, of another version, or damaged.
     """
     if not path.is_file():
-        msg = f"{path} does not exist, so {path.parent} is no run folder"
+        msg = (
+            f"{path} does not exist, so {path.parent} is no run folder; give one that "
+            "`simval sweep` made"
+        )
         raise InputError(msg)
     with explained(path), closing(_connected(path)) as database:
         database.execute("PRAGMA query_only = 1")

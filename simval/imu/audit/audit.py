@@ -209,7 +209,11 @@ class Audit(Told):
                 f"{'No' if much else 'Not quite'}: {left}, which no term explains, "
                 "alone or three together."
             )
-            do = "Look where it is left: a contact, a limit, what is held over a step."
+            do = (
+                "Look where it is left: a contact, a limit, what is held over a step. "
+                "Halve the step: what halves is its own, as of an implicit integrator, "
+                "which moves by another acceleration than it reads."
+            )
         elif untold:
             answer = "inconclusive"
             said = (

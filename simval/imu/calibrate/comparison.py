@@ -249,6 +249,7 @@ class CalibrationComparison(Told):
             headline = f"Yes: a drift{causes}. Most: {'; '.join(moved)}."
         elif self.alike:
             headline = f"Cannot tell: {same}"
+            do = f"{do} Compare calibrations of two recordings.".strip()
         else:
             headline = "No: the same within uncertainties."
         answers: dict[bool | None, Answer] = {

@@ -129,19 +129,19 @@ def times_of(
         if len(places) == 2 and np.all(
             (whole == np.floor(whole)) & (fine >= 0.0) & (fine < 1e9)
         ):
-            return np.asarray(whole - whole[0] + 1e-9 * fine), 1.0, []
+            return whole - whole[0] + 1e-9 * fine, 1.0, []
         second = _second(table, column, whole[rows], rate)
         time, said = _continued(table, whole, second)
         return time, second, said
     texts = table.texts(column.place)
     if (stamps := _instants(texts)) is not None:
         if re.match(_DATE, texts[0]):
-            return np.asarray((stamps - stamps[0]) / _NS), 1.0, []
+            return (stamps - stamps[0]) / _NS, 1.0, []
         time = stamps / _NS
         midnights = np.diff(time, prepend=time[:1]) < GAP - DAY
         words = "midnight, and the clock is continued"
         said = _said(table, midnights, words)
-        return np.asarray(time + DAY * np.cumsum(midnights)), 1.0, said
+        return time + DAY * np.cumsum(midnights), 1.0, said
     if rate is not None or table.rate:
         return times_of(table, None, rate)
     msg = (
@@ -166,8 +166,8 @@ def _continued(
         if whole and wraps.any() and period * second > GAP / 2.0:
             words = f"the counter of {bits} bits begins again here, and the clock is"
             said = _said(table, wraps, f"{words} continued")
-            return np.asarray((ticks + period * np.cumsum(wraps)) * second), said
-    return np.asarray(ticks * second), []
+            return (ticks + period * np.cumsum(wraps)) * second, said
+    return ticks * second, []
 
 
 def dates_from_1970(first: float, last: float) -> bool:

@@ -380,8 +380,11 @@ def _given(
     complete = {*parts.values()} <= {0, 3} and any(parts[x] for x in ("force", *alone))
     if not (complete and len(set(used)) == len(used)):
         names = columns if isinstance(columns, str) else ",".join(map(str, columns))
+        roles = [name.partition("[")[0].strip() for name in names.split(",")]
+        unknown = [name for name in roles if name not in {*NAMES, SKIP}]
+        which = f", and {', '.join(unknown)} is none of its names" if unknown else ""
         msg = (
-            f"`columns` is {names}; each of ax, ay, az is needed once, t "
+            f"`columns` is {names}{which}; each of ax, ay, az is needed once, t "
             "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
             "all or none, mx, my, mz all or none, temp (temp[K], temp[degF]) once at "
             "most, and - marks a column to ignore"

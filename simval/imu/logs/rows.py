@@ -124,7 +124,7 @@ class Rows:
         if not moved:
             return rates
         rows = np.clip(np.arange(len(time)) + moved, 0, len(time) - 1)
-        return np.asarray(rates[rows])
+        return rates[rows]
 
     def means(
         self, time: Float[Array, " n"], rates: Float[Array, "n 3"]

@@ -80,4 +80,4 @@ def read_temperature(
             f"{FORMS}"
         )
         raise InputError(msg)
-    return np.asarray(degrees), mended
+    return degrees, mended

@@ -282,9 +282,10 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
     listed = ", ".join(each[0].rstrip("_.- ") or "(no name)" for each in groups)
     have = f"it has {listed}" if groups else "it names no four columns of a quaternion"
     asked = f"the quaternion {stem!r}" if stem else "one quaternion"
+    by_name = "name a truth by the common part of its columns (--truth NAME), or "
     msg = (
         f"{table.path}: you asked for {asked} as the truth, but {have}; "
-        "name a truth by the common part of its columns (--truth NAME), or "
+        f"{by_name if groups else ''}"
         "say what each column is (--truth-columns t,-,-,-,qx,qy,qz,qs; "
         "q0,q1,q2,q3 if you do not know which is the scalar part)"
     )

@@ -161,7 +161,7 @@ def _rests(log: Any) -> Condition:
     by_scatter = log.fit.covariance_kind == "type A"
     holds = {"sound": True, "unknown": None if by_scatter else False}.get(answer, False)
     words = found.cause or "the rests scatter as their noise explains"
-    do = found.do
+    do = f"{found.do[:1].upper()}{found.do[1:].rstrip('.')}." if found.do else ""
     if answer == "unknown" and by_scatter:
         words += "; the error bars are as wide as that"
     if answer == "sound" and found.p_value > 1.0 - BELIEVED:

@@ -279,6 +279,8 @@ def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[Remark, 
     begin += "accelerometer"
     if np.linalg.det(own) < 0.0:
         words, do = f"{begin}, left-handed: {_mirror(own)}", "Change the columns."
+        if np.diagonal(own).all():
+            do = "Correct that in the log."
         return "left-handed", (Remark("left-handed", words, do),)
     if not told:
         words = (

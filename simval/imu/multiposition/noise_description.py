@@ -31,7 +31,7 @@ from simval.imu.noise.model import (
     equivalent_words,
     largest,
 )
-from simval.spelling import counted, duration, rounded
+from simval.spelling import counted, duration, rounded, series
 from simval.text import columns, interval_words
 from simval.units import G0, OF_A_DATA_SHEET, OF_A_LOG, OF_TIME, Unit
 from simval.units import RADIANS_PER_DEGREE as DEGREE
@@ -305,7 +305,7 @@ def _greatest(sensor: SensorNoise, kind: str) -> str:
         return ""
     seen = any(c.value is not None and c.value == size for c in found)
     below = "" if seen else "below "
-    return f"{below}{rounded(unit.factor * size, 3)} {unit.name}"
+    return f"{below}{rounded(unit.factor * size, 3 if seen else 2)} {unit.name}"
 
 
 def _for_filters(sensor: SensorNoise) -> str:
@@ -360,11 +360,17 @@ def _fitting(sensors: Sequence[SensorNoise]) -> Reply:
     if fitted:
         lines.append("Every interval holds 95 % by the closed-form covariance.")
     count = counted(len(axes), "axis", "axes")
-    headline = f"Yes: it fits all {count}."
+    part = [
+        f"{name} to {axis.seconds[axis.used[1] - 1]:.3g} s"
+        for name, axis in axes.items()
+        if axis.coefficients and axis.used[1] < len(axis.seconds)
+    ]
+    headline = f"Yes: it fits all {count}{', ' * bool(part)}{series(part)}."
     if fitted < len(axes):
         headline = f"No: it fits {fitted} of {count}."
     if stuck and not without:
-        headline = f"It fits {counted(fitted, 'axis', 'axes')}; the others do not vary."
+        rest = "other does" if len(stuck) == 1 else "others do"
+        headline = f"It fits {counted(fitted, 'axis', 'axes')}; the {rest} not vary."
     if len(stuck) == len(axes):
         headline = "Cannot tell: no reading varies."
     return Reply(

@@ -338,7 +338,7 @@ class Forms(dict[tuple[Component, Component], Float[np.ndarray, "m m"]]):
         if density is None:
             return np.zeros(len(size))
         level = density(np.array(omega), other.rows)
-        return np.asarray(2.0 * size * size * level * np.minimum(*self._many))[:, 0]
+        return (2.0 * size * size * level * np.minimum(*self._many))[:, 0]
 
 
 def _lags(

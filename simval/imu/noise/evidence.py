@@ -364,7 +364,7 @@ def _between(
     above = levels - levels.min(axis=1, keepdims=True)
     near = np.minimum(above[:, 1:], above[:, :-1]) <= LIKELY
     near &= np.abs(np.diff(above, axis=1)) > _CLOSE
-    return np.asarray(np.sqrt(rows[1:] * rows[:-1])[near.any(axis=0)])
+    return np.sqrt(rows[1:] * rows[:-1])[near.any(axis=0)]
 
 
 class Line(NamedTuple):

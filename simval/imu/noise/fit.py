@@ -310,7 +310,7 @@ def _starts_white(family: Family, variances: Float[Array, "s m"]) -> Bool[Array,
     problem = family.problem(variances, (*plain, WALK)).part(0, LEAST_POINTS)
     found = fitted(problem)
     white = problem.law[0, 0] * found.values[:, 0] > 0.5 * variances[:, 0]
-    return np.asarray(found.holds & white)
+    return found.holds & white
 
 
 def _weighed(
@@ -366,8 +366,8 @@ def _statements(
         )
     if last < len(seconds):
         said.append(
-            f"averages over more than {seconds[last - 1]:.3g} s drift otherwise than "
-            "these components do (temperature?) and are left out"
+            f"averages over more than {seconds[last - 1]:.3g} s follow none of these "
+            "components and are left out: a drift, of temperature perhaps"
         )
     return said
 

@@ -100,7 +100,7 @@ class Squares(NamedTuple):
     @property
     def holds(self) -> NDArray[np.bool_]:
         """True for each signal that these components suffice to explain."""
-        return np.asarray(self.p_value >= FALSE_ALARM)
+        return self.p_value >= FALSE_ALARM
 
 
 class _White(NamedTuple):
@@ -187,7 +187,7 @@ def greatest(problem: AllanProblem) -> Float[Array, "s k"]:
     share = 1.0 - FAR * alone / problem.law
     with np.errstate(divide="ignore"):
         each = problem.variances[..., None] / (problem.law * np.maximum(share, 0.0))
-    return np.asarray(each.min(axis=1))
+    return each.min(axis=1)
 
 
 def _whitened(
@@ -195,7 +195,7 @@ def _whitened(
 ) -> tuple[_White, Float[Array, " s"]]:
     # and the logarithm of the covariance's determinant
     least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing
-    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), least))
+    scale = np.sqrt(np.maximum(np.linalg.diagonal(covariance), least))
     share = 1.0 / scale
     size, count = problem.law.shape[-2:]
     # below the covariance the law and the variances: so they are below its factor,
@@ -204,7 +204,7 @@ def _whitened(
     near, rows = whole[:, :size, :size], whole[:, size:, :size]
     np.multiply(covariance, share[:, :, None], out=near)
     near *= share[:, None, :]
-    rows[:, :-1] = np.swapaxes(problem.law, -1, -2) * share[:, None, :]
+    rows[:, :-1] = problem.law.mT * share[:, None, :]
     rows[:, -1] = problem.variances * share
     diagonal = np.einsum("sii->si", whole)
     diagonal[:, :size] += RIDGE
@@ -214,11 +214,11 @@ def _whitened(
     except np.linalg.LinAlgError:  # a ramp alone, whose V is known to 1e-3 only
         level, turn = np.linalg.eigh(near)
         level = np.maximum(level, RIDGE)[:, None, :]
-        near[:] = (turn * level) @ np.swapaxes(turn, 1, 2)
+        near[:] = (turn * level) @ turn.mT
         factor = np.linalg.cholesky(whole)
-    own = np.diagonal(factor, axis1=1, axis2=2)[:, :size] * scale
+    own = np.linalg.diagonal(factor)[:, :size] * scale
     log_volume = 2.0 * np.sum(np.log(own), axis=1)
-    return _turned(np.swapaxes(factor[:, size:, :size], 1, 2)), log_volume
+    return _turned(factor[:, size:, :size].mT), log_volume
 
 
 def _turned(both: Float[Array, "s m k1"]) -> _White:
@@ -231,7 +231,7 @@ def _times(
     matrices: Float[Array, "s m k"], vectors: Float[Array, "s k"]
 ) -> Float[Array, "s m"]:
     # each matrix times its vector
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+    return (matrices @ vectors[..., None])[..., 0]
 
 
 def _free(
@@ -268,7 +268,7 @@ def _nonnegative(whitened: _White, free: Float[Array, "s k"]) -> Float[Array, "s
         values = np.zeros((len(left), len(some)))
         both = np.concatenate([X[..., some], y[..., None]], axis=2)
         values[:, some] = _free(_turned(both))[0]
-        columns = np.swapaxes(X, 1, 2)
+        columns = X.mT
         slope = _times(columns, y - _times(X, values))
         size = _lengths(columns) * _lengths(y)[:, None]
         good = np.where(some, values > 0.0, slope <= _FLAT * size).all(axis=1)
@@ -282,12 +282,12 @@ def _with_end(
 ) -> Float[Array, "s k"]:
     # the other coefficients' best, where one has a given value
     law, target = at_fit
-    columns = np.swapaxes(law, 1, 2)
+    columns = law.mT
     own = place[:, None] == np.arange(law.shape[2])
     others = columns[~own].reshape(len(law), -1, law.shape[1])
     rest = target - value[:, None] * columns[own]
     both = np.concatenate([others, rest[:, None]], axis=1)
-    whitened = _turned(np.swapaxes(both, 1, 2))
+    whitened = _turned(both.mT)
     there = np.where(own, value[:, None], 0.0)
     there[~own] = _nonnegative(whitened, _free(whitened)[0]).ravel()
     return there

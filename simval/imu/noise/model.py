@@ -151,7 +151,7 @@ class AxisNoise:
     @property
     def seconds(self) -> Float[Array, " m"]:
         """Averaging times, s, (m,)."""
-        return np.asarray(self.counts / self.rate_hz)
+        return self.counts / self.rate_hz
 
     @property
     def given(self) -> tuple[Coefficient, ...]:

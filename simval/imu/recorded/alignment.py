@@ -196,7 +196,7 @@ def fit_turns(
         x = stretches.truth(attitudes, now)
         before, after = (stretches.truth(attitudes, now + d) for d in (-delta, delta))
         slope = (after - before) / (2.0 * delta)
-        good = np.asarray(np.isfinite(x + slope).all(axis=1))
+        good = np.isfinite(x + slope).all(axis=1)
         _require_motion(x[good])
         y, T = stretches.turn[good], stretches.seconds[good]
         known = np.column_stack([x[good], T])
@@ -242,7 +242,7 @@ def _change(
     change = np.linalg.lstsq(
         (Z / left).T @ (J / right), -(Z / left).T @ residuals.ravel(), rcond=None
     )[0]
-    return np.asarray(change / right)
+    return change / right
 
 
 def _derivatives(

@@ -189,12 +189,12 @@ class Stretches:
     @property
     def seconds(self) -> Float[Array, " m"]:
         """Length of each stretch, s."""
-        return np.asarray(self.time[:, -1] - self.time[:, 0])
+        return self.time[:, -1] - self.time[:, 0]
 
     @property
     def middle(self) -> Float[Array, " m"]:
         """Middle of each stretch, s."""
-        return np.asarray(0.5 * (self.time[:, -1] + self.time[:, 0]))
+        return 0.5 * (self.time[:, -1] + self.time[:, 0])
 
     def truth(
         self, attitudes: Attitudes, offset: Float[Array, " m"]

@@ -65,7 +65,10 @@ class FilteredLog(Told):
         facts = [*self.found.facts, *row_facts(self.found.evidence), *self.start.facts]
         if self.alignment is not None and self.recorded is not None:
             facts += alignment_facts(self.alignment, self.recorded)
-        return filters_account(self.done, self.failed, facts, self.quaternions)
+        return filters_account(
+            self.done, self.failed, facts, self.quaternions,
+            mistaken=any(each.said for each in self.found.scales),
+        )  # fmt: skip
 
     def as_object(self, log: Log) -> dict[str, Any]:
         """Return the log, its truth and the filters' errors as plain JSON values."""

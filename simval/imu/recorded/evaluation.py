@@ -44,6 +44,7 @@ class FilterRun:
     told: float = 0.0  # relative sd of NIS, as the noise given is not exactly known
     # real acceleration while moving, m/s^2, if more than the noise given; else 0
     motion: float = 0.0
+    cautious: bool = False  # it was given an upper limit of the gyroscope's walk
 
 
 def in_view(start: Start, found: Signals, truth: Float[Array, "n 4"]) -> Start:
@@ -361,7 +362,7 @@ def _band(
 ) -> Float[Array, "k 3"]:
     A = attitude_matrix(truth)
     world = A.swapaxes(1, 2) @ own @ A
-    squares = np.diagonal(world, axis1=1, axis2=2).copy()
+    squares = np.linalg.diagonal(world).copy()
     if six:  # of what the heading drifts by
         squares[:, 2] -= squares[0, 2].copy()
     level = squares[:, 0] + squares[:, 1]

@@ -59,6 +59,9 @@ class Stated(NamedTuple):
         What the gyroscope's rows were taken as.
     fits : bool
         Whether its innovations are no larger than it states.
+    cautious : bool
+        Whether they are as it states, but the walk of the bias that it was given is an
+        upper limit, so that it may state more than its error.
     """
 
     name: str
@@ -67,6 +70,7 @@ class Stated(NamedTuple):
     motion: float
     rows: RowEvidence | None
     fits: bool = False
+    cautious: bool = False
 
     @property
     def times(self) -> float:
@@ -81,9 +85,14 @@ class Stated(NamedTuple):
     @property
     def holds(self) -> bool | None:
         """True if both agree; None if the log cannot show it."""
-        if self.loose or self.square.verdict.startswith("not"):
+        if self.loose or self.square.verdict.startswith("not") or self.by_limit:
             return None
         return self.square.verdict == "consistent"
+
+    @property
+    def by_limit(self) -> bool:
+        """Whether it states too much where what it was given is a limit."""
+        return self.cautious and self.square.verdict == "underconfident"
 
     @property
     def words(self) -> str:
@@ -91,7 +100,7 @@ class Stated(NamedTuple):
         name, times = self.name, self.times
         if self.square.verdict == "not judged: rows":
             return "the gyroscope's rows are not what they are taken as"
-        if self.holds is None and not self.loose:
+        if self.holds is None and not (self.loose or self.by_limit):
             if self.square.blocks:
                 return f"north is too uncertain to judge {name}"
             return f"too few rows have truth to judge {name}"
@@ -105,7 +114,8 @@ class Stated(NamedTuple):
             few = ", but only in some stretches of the log" if self.loose else ""
             return f"{before} {size}as {after}{few}"
         own = {"error": "error", "drift": "drift of heading"}.get(self.of, self.of)
-        return f"{name} states {rounded(1.0 / times)} times its {own}"
+        given = ", and the walk K that it was given is an upper limit" * self.by_limit
+        return f"{name} states {rounded(1.0 / times)} times its {own}{given}"
 
     @property
     def do(self) -> str:
@@ -114,6 +124,8 @@ class Stated(NamedTuple):
             remedy = None if self.rows is None else self.rows.remedy
             options = "--gyro-rows, --gyro-delay"
             return f"State them: {' '.join(remedy.options) if remedy else options}."
+        if self.by_limit:
+            return "Measure K in a longer rest (simval noise), and give it (--noise)."
         if self.holds is None and self.square.blocks and not self.loose:
             return "State the truth's world (--truth-world)."
         if self.holds is None and not self.loose:
@@ -158,8 +170,9 @@ def stated(each: Any, *, innovations: bool = False) -> list[Stated]:
     fits = nis is not None and nis.verdict in ("consistent", "underconfident")
     if fits and nis.mean >= LOOSE**2 * nis.expected:
         fits = False
+    cautious = each.run.cautious and nis is not None and nis.verdict == "consistent"
     return [
-        Stated(own, of, square, each.run.motion, each.rows, fits)
+        Stated(own, of, square, each.run.motion, each.rows, fits, cautious)
         for of, square in squares.items()
         if square is not None
     ]
@@ -274,6 +287,8 @@ def filters_account(
     failed: Mapping[str, str] = _NONE,
     facts: Iterable[Fact] = (),
     quaternions: Sequence[str] = (),
+    *,
+    mistaken: bool = False,
 ) -> Account:
     """State what was measured of filters over a log.
 
@@ -287,13 +302,17 @@ def filters_account(
         On the log, what filters were given, and the truth.
     quaternions : sequence of str
         Names of quaternions in a log without truth, which may be one.
+    mistaken : bool, default False
+        Whether units or axes of the log are not as they are stated.
     """
     said = "no filter was measured"
     if done:
         against = any(each.truth is not None for each in done)
         how = "against recorded attitudes" if against else "without truth"
         said = f"{series(each.run.name for each in done)} {how}"
-    replies = [_how_wrong(done, quaternions), _trusted(done)] if done else []
+    replies = []
+    if done:
+        replies = [_how_wrong(done, quaternions), _trusted(done, mistaken)]
     if failed:
         were = "was" if len(failed) == 1 else "were"
         replies.append(
@@ -372,12 +391,18 @@ def _angle(rms: Rms) -> str:
     return f"{measured(np.degrees(rms.value), np.degrees(rms.sd))}°"
 
 
-def _trusted(done: Sequence[Any]) -> Reply:
+def _trusted(done: Sequence[Any], mistaken: bool) -> Reply:
     found = [one for each in done for one in stated(each)]
     # a drift that is too small to judge is no doubt of the others
     found = [one for one in found if one.of != "drift" or one.holds is not None]
     bad = [one for one in found if one.holds is False]
-    good = [one for one in found if one.holds and one.of != "innovations"]
+    # nor does it vouch for an error that is not judged
+    unjudged = {one.name for one in found if one.of == "error" and one.holds is None}
+    good = [
+        one
+        for one in found
+        if one.holds and one.of != "innovations" and one.name not in unjudged
+    ]
     open_ = [one for one in found if one.holds is None]
     alone = [one.words for one in found if one.holds and one.of == "innovations"]
     silent = [each.run.name for each in done if not stated(each)]
@@ -397,6 +422,8 @@ def _trusted(done: Sequence[Any]) -> Reply:
     for one in (*bad, *open_):
         advice.setdefault(one.do, []).append(one.name)
     do = [what.replace("{}", series(dict.fromkeys(of))) for what, of in advice.items()]
+    if do and mistaken:
+        do = ["First correct the units and axes of the log that are named above."]
     lines = [one.sentence for each in done for one in stated(each, innovations=True)]
     lines += [_whiteness(each) for each in done if each.white is not None]
     lines += [f"{name} states no covariance." for name in silent]

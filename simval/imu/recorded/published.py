@@ -94,7 +94,7 @@ def published_rows(
             f"rows that errors are of, and holds {np.unique(marks)[:3].tolist()}"
         )
         raise InputError(msg)
-    return recorded, np.asarray(marks == 1.0)
+    return recorded, marks == 1.0
 
 
 def steps(

@@ -193,13 +193,17 @@ def _calibrated(log: Log, raw: Signals, path: str, magnetometer: Scale) -> Signa
     found = replace(
         raw, force=done.accelerometer, force_unit=words, field=done.magnetometer
     )
+    # what is corrected has the calibration's axes, and its field the calibration's unit
+    names = {"gyroscope": "gyro"}
+    shown = units_of(replace(done, columns=()))
+    used = {names.get(each, each) for each in sensors}
+    logs = dict(zip(OF_A_LOG, raw.scales, strict=True))
+    scales = {name: shown[name] if name in used else logs[name] for name in logs}
+    found = replace(found, scales=tuple(scales.values()))
     if "gyroscope" in sensors:
         assert done.gyro is not None
         found = replace(found, gyro=done.gyro, gyro_unit=f"rad/s, {words}")
-    if "magnetometer" in sensors:  # in the unit of the calibration's field
-        shown = units_of(replace(done, columns=()))["magnetometer"]
-        return with_field_unit(found, shown)
-    return with_field_unit(found, magnetometer)
+    return with_field_unit(found, scales["magnetometer"])
 
 
 TURNS: Final = 0.05
@@ -318,6 +322,7 @@ class Start:
     facts: tuple[Fact, ...]  # the numbers, and where they are from
     known: Mapping[str, float]  # relative sd of the noises given, by name
     motion: float  # m/s^2, of real acceleration while moving; 0 where the noise has it
+    limit: bool = False  # whether the gyroscope's walk is an upper limit
 
     def of_nis(self, reads: Collection[str], sensors: int) -> float:
         """Relative standard deviation of NIS from that of the noises a filter is given.
@@ -349,7 +354,7 @@ def start_of(
     parts = [slice(a, b) for a, b in found.rests]
     first = parts[0]
     longest = max(parts, key=lambda each: each.stop - each.start)
-    N, K, gyroscope = _gyro_noise(found, longest, known, source)
+    N, K, limit, gyroscope = _gyro_noise(found, longest, known, source)
     forces = [found.force[part].mean(axis=0) for part in parts]
     gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
     field, scatter = np.full(3, np.nan), np.nan
@@ -403,6 +408,7 @@ def start_of(
         told=told,
         known=known_to,
         motion=motion,
+        limit=limit,
         facts=(
             *gyroscope,
             Fact("noise used", words),
@@ -468,15 +474,15 @@ def _motion(found: Signals, gravity: float, noise: float) -> float:
 
 def _gyro_noise(
     found: Signals, part: slice, known: NoiseFile | None, source: str
-) -> tuple[float, float, tuple[Fact, ...]]:
-    # N and K, and where they are from
+) -> tuple[float, float, bool, tuple[Fact, ...]]:
+    # N and K, whether K is an upper limit, and where they are from
     axes, scale, words = _axes(found, part, known, source)
     seconds = (part.stop - part.start) / found.rate
     if known is not None:
         seconds = min(axis.rows / axis.rate_hz for axis in axes)
     N = _coefficient(axes, "N", scale)
     K = _coefficient(axes, "K", scale)
-    unfit, limits = N is None, []
+    unfit, hidden, limits = N is None, K is None, []
     slow = [axis.slow for axis in axes if axis.slow and not axis.slow.is_walk]
     if slow:
         horizon = max(each.horizon for each in slow)
@@ -497,7 +503,7 @@ def _gyro_noise(
         for name, value in (("N", N), ("K", K))
     )
     fact = Fact("noise used", f"gyroscope {', '.join(sizes)}, by {words}", unfit)
-    return N, K, (fact, *limits)
+    return N, K, hidden, (fact, *limits)
 
 
 def _axes(

@@ -339,7 +339,7 @@ def interval_counts(intervals: Intervals) -> Intervals:
         (m,).
     """
     intervals = checked_intervals(intervals)
-    return np.asarray(intervals[:, 1] - intervals[:, 0])
+    return intervals[:, 1] - intervals[:, 0]
 
 
 def interval_means(
@@ -364,7 +364,7 @@ def interval_means(
     ended = np.append(samples, np.zeros((1, 3)), axis=0)  # an interval may stop there
     # every second sum is of the rows between two intervals
     sums = np.add.reduceat(ended, intervals.ravel(), axis=0)[::2]
-    return np.asarray(sums / np.diff(intervals))
+    return sums / np.diff(intervals)
 
 
 def runs_of(flag: NDArray[np.bool_]) -> Intervals:

@@ -123,7 +123,7 @@ def _long(even: EvenLog, margin: int, span: Intervals, at: list[int]) -> Interva
 def _noise(steps: Array) -> Array:
     # variance of the mean of a block by such differences, without a slope
     own = steps - np.median(steps, axis=0)
-    return np.asarray(np.median(own**2, axis=0) / (2.0 * MEDIAN))
+    return np.median(own**2, axis=0) / (2.0 * MEDIAN)
 
 
 def _range(part: Array, size: int) -> float:
@@ -186,4 +186,4 @@ def colour(even: EvenLog, parts: list[Array], noise: Float[Array, "m 3"]) -> flo
 
 def _block_means(part: Array, size: int) -> Array:
     count = len(part) // size
-    return np.asarray(part[: count * size].reshape(count, size, 3).mean(axis=1))
+    return part[: count * size].reshape(count, size, 3).mean(axis=1)

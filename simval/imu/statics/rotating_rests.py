@@ -61,14 +61,14 @@ class _Still(NamedTuple):
 
     def off(self, mean: Array, at: Array) -> Array:
         # of the bias
-        return np.asarray(mean - self.start - at[:, None] * self.slope)
+        return mean - self.start - at[:, None] * self.slope
 
     def limit(self, noise: Array, tries: int, away: Array) -> Array:
         # (D2); noise: of the means, away: ticks to the nearest other rest
         tail = FALSE_ALARM / (6.0 * tries)
         far = np.maximum(away / self.spacing, 1.0)[:, None]
         t = -float(scipy.special.stdtrit(self.freedom, tail))
-        return np.asarray(t * np.sqrt(self.scatter * far + noise))
+        return t * np.sqrt(self.scatter * far + noise)
 
 
 def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
@@ -108,7 +108,7 @@ def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
 def _means(samples: Array, size: int) -> Array:
     # of all windows of so many ticks
     total = np.cumsum(np.pad(samples, ((1, 0), (0, 0))), axis=0)
-    return np.asarray((total[size:] - total[:-size]) / size)
+    return (total[size:] - total[:-size]) / size
 
 
 def _part(
@@ -151,7 +151,7 @@ def _part(
 def _away(ticks: Intervals, k: int, at: Array) -> Array:
     # from the nearest middle of another rest
     others = np.delete(ticks.mean(axis=1), k)
-    return np.asarray(np.abs(at[:, None] - others).min(axis=1))
+    return np.abs(at[:, None] - others).min(axis=1)
 
 
 def _still(even: EvenLog, ticks: Intervals) -> _Still:
