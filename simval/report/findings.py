@@ -51,6 +51,7 @@ class Agreement:
     unseen: int  # of these, so noisy that a ratio of 0 and one of 2 agree as well
     allowed: int  # outside their bands, but not of what the prediction leaves out
     outside: int  # outside bands that hold together with 95 %
+    apart: int  # of these, so noisy that their ratio says nothing
     off: int  # outside bands that hold together with 99.99 %
     within: Farthest  # greatest relative distance of the others that are seen
     most: Farthest  # and of those that are allowed
@@ -74,7 +75,7 @@ class Agreement:
                 f"{subject} cannot be distinguished from zero, nor from {theory}, in "
                 "these trials."
             )
-        if self.compared == 1 and not self.allowed:
+        if self.compared == 1 and not self.allowed + self.apart:
             sigmas = self.farthest.size
             more = f" ({sigmas:.1f} standard errors)" if sigmas else ""
             off = percent(self.within.size)
@@ -88,7 +89,7 @@ class Agreement:
             whole = part == self.compared
             return f"{f'all {part}' if whole else f'{part} of {self.compared}'} values"
 
-        plain = self.compared - self.unseen - self.allowed
+        plain = self.compared - self.unseen - self.allowed - self.apart
         within = percent(self.within.size)
         remainder = f"within its stated remainder of {percent(self.most.size)}"
         if plain:
@@ -111,8 +112,9 @@ class Agreement:
             alone = 2.0 * float(scipy.special.ndtr(-far.size))
             rate = -np.expm1(self.compared * np.log1p(-alone))
             lie = "lies" if self.outside == 1 else "lie up to"
+            who = "" if self.apart < self.compared else f"{subject}: "
             yield (
-                f"{self.outside} of {_count(self.compared, 'value')} {lie} "
+                f"{who}{self.outside} of {_count(self.compared, 'value')} {lie} "
                 f"{far.size:.1f} standard errors from {theory}{far.named()}, outside "
                 f"the band; expected by chance in one figure of {1.0 / rate:,.0f}"
             )
@@ -129,7 +131,9 @@ def agreement(c: Curve) -> Agreement:
     sigmas = np.where(sampled, np.maximum(distance - rest, 0.0) / size, 0.0)
     count = len(distance)
     band, sure = simultaneous(count), simultaneous(count, SURE)
-    seen = (band * error <= SEEN) | (sigmas > band)
+    noisy = band * error > SEEN
+    apart = noisy & (sigmas > band)
+    seen = ~noisy | apart
     allowed = seen & sampled & (sigmas <= band) & (distance > band * error)
 
     def greatest(size: Float[Array, " n"], which: Any) -> Farthest:
@@ -145,8 +149,9 @@ def agreement(c: Curve) -> Agreement:
         unseen=int(np.sum(~seen)),
         allowed=int(np.sum(allowed)),
         outside=int(np.sum(sigmas > band)),
+        apart=int(np.sum(apart)),
         off=int(np.sum(sigmas > sure)),
-        within=greatest(distance, seen & ~allowed),
+        within=greatest(distance, seen & ~allowed & ~apart),
         most=greatest(distance, allowed),
         farthest=greatest(sigmas, sigmas > 0.0),
     )
