@@ -397,7 +397,7 @@ def tried(result: LogCalibration, log: Log) -> list[str]:
 
 
 def listed(words: str) -> list[str]:
-    """Names between commas; an empty tuple for the word none."""
+    """Names between commas; none for the word none."""
     return [] if words == "none" else [word.strip() for word in words.split(",")]
 
 

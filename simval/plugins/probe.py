@@ -382,7 +382,7 @@ def probe_estimator(
 
 
 def _error(exact: Exact, q: Float[Array, "n 4"]) -> tuple[float, str]:
-    """Largest error relative to rounding, and how far the worst row is, if too far."""
+    """Largest error, scaled to one tolerance, and how far the worst is, if too far."""
     error, most = np.asarray(attitude_error(exact.truth, q)), allowed(exact.vectors)
     row = int(np.argmax(np.where(error <= most, 0.0, error)))
     far = (

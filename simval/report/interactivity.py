@@ -24,7 +24,7 @@ def labels_of(every: Iterable[AnyPanel]) -> list[str]:
 
 
 def names_of(panel: AnyPanel, labels: Sequence[str]) -> list[str]:
-    """Key of each series, by the legend entry that shows and hides it."""
+    """HTML attribute of each series: the legend entries that show and hide it."""
     series = _series(panel)
     keys = [
         sorted(

@@ -155,7 +155,7 @@ class Scale:
     stop: float
 
     def __call__(self, values: Array | float) -> Array:
-        """Places of values on the sheet; what is far outside is moved to its edge."""
+        """Places of values on the sheet; what is far outside is brought nearer."""
         ends = np.array([self.axis.low, self.axis.high])
         values = np.asarray(values, dtype=float)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -508,7 +508,7 @@ def _marks(s: Series, x: Array, y: Array) -> Marks:
 
 
 def _apart(places: Array) -> Any:
-    """Mask of the marks to draw, one of any within two points of each other."""
+    """Which marks to draw: one of any within two points of each other."""
     if len(places) <= MANY:
         return slice(None)
     return np.sort(np.unique(np.rint(places / 2.0), axis=0, return_index=True)[1])

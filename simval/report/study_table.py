@@ -58,7 +58,7 @@ def _lines(
 
 
 def _only(section: Section, study: str, studies: Sequence[str]) -> Section:
-    """The section with its first study alone, without its words and figures."""
+    """A section for one of its studies; all but the first get it without figures."""
     if study in ("", *studies[:1]) and section.anchor != WITHOUT_SECTION:
         return section
     return replace(section, title=_title(study), drawings=())

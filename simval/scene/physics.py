@@ -335,19 +335,19 @@ def path_rows(model: "mujoco.MjModel", rollout: Rollout, number: int = 0) -> Pat
     """Readings by (P2) of a run with positions; RK4's states are on the path as is."""
     assert rollout.qpos is not None
     assert rollout.qvel is not None
-    rows, qpos, qvel = (x[number] for x in (rollout.rows, rollout.qpos, rollout.qvel))
-    if model.opt.integrator == _integrator("RK4"):
-        return PathRows(rows[:, :3], rows[:, 3:6], sensor_places(model, [*qpos]))
-    gained, speed = np.diff(qvel, axis=0), (qvel[1:] + qvel[:-1]) / 2.0
-    data, own = mujoco.MjData(model), np.empty((len(rows), model.nsensordata))
-    places = np.empty((len(rows), 3))
-    states = zip(qpos, speed, gained / model.opt.timestep, strict=True)
+    rows, q, v = (x[number] for x in (rollout.rows, rollout.qpos, rollout.qvel))
+    states = zip(
+        q, (v[1:] + v[:-1]) / 2.0, np.diff(v, axis=0) / model.opt.timestep, strict=True
+    )
+    data, places = mujoco.MjData(model), np.empty((len(rows), 3))
+    own = np.empty((1, len(rows), model.nsensordata))
     with captured_messages():  # the run has shown them
         for k, (data.qpos[:], data.qvel[:], data.qacc[:]) in enumerate(states):
             mujoco.mj_inverse(model, data)  # the sensors of a given acceleration
-            own[k], places[k] = data.sensordata, data.site(SITE).xpos
-    read = _in_order(model, own[None])[0]
-    return PathRows(read[:, :3], read[:, 3:6], places)
+            own[0, k], places[k] = data.sensordata, data.site(SITE).xpos
+    if model.opt.integrator != _integrator("RK4"):
+        rows = _in_order(model, own)[0]
+    return PathRows(rows[:, :3], rows[:, 3:6], places)
 
 
 def _in_order(

@@ -13,8 +13,8 @@ of the body rate over it,
 up to the fifth order of the step: the bracket is the coning of a rate that is a
 parabola over three steps. Equation (G1) is solved for S, so whoever integrates the
 averages with this bracket gets the attitudes back to rounding. The physics' own rate is
-of one instant, and its steps and its staircase of commands make it differ from the
-average by 0.6 degrees a move when it is integrated.
+of the step before, and differs from the average by 0.6 degrees a move when it is
+integrated.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,8 @@ from simval.shapes import Float
 class Trajectory(ReadOnly):
     """Readings of an ideal sensor at the IMU's site, row by row.
 
-    All columns of a row are from the same evaluation of the physics.
+    All columns of a row are from the same evaluation of the physics; with positions,
+    force and rate are of the path that the body takes, eq. (P2) of the physics.
 
     Attributes
     ----------

@@ -398,7 +398,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     @property
     def scatter(self) -> float:
-        """Two standard deviations of the rounding that cubature adds to a slope."""
+        """Two deviations of the cubature's mean of nodes times rounding of size one."""
         points, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
         return 2.0 * float(np.linalg.norm(weights[:, None] * points))
 

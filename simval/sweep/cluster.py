@@ -271,7 +271,7 @@ def _by_cluster(cluster: Cluster, queue: Queue) -> Iterator[Sequence[Done]]:
 
 
 def _suspected(queue: Queue, tried: set[int]) -> Sequence[Done]:
-    """Compute a suspected cell alone, or report that it kills workers."""
+    """Give a suspected cell out alone, or report that it kills workers so, too."""
     place = queue.suspects.popleft()
     if place in tried:
         return [failed(*queue.alone(place).cells[0], GIVEN_UP)]

@@ -249,7 +249,7 @@ def predicted(
 
 
 def chunks(T: int) -> list[slice]:
-    """Number of rows to process together."""
+    """Slices of rows that are processed together."""
     return [slice(a, min(a + TOGETHER, T)) for a in range(0, T, TOGETHER)]
 
 

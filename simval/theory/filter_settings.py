@@ -313,12 +313,12 @@ class _Point(NamedTuple):
     excess: Float[Array, " c"]
 
     def rank(self) -> tuple[float, float]:
-        """Sort key: how far outside the band, then the error."""
+        """Sort key: excess over the band, then the error plus a little for factors."""
         spread = sum(np.log10([*self.factors.values()]))
         return max(0.0, self.excess.max()), float(self.rms.max()) + DECADE * spread
 
     def penalty(self) -> float:
-        """One number to minimise: the error, raised outside the band."""
+        """One number to minimise: the excess over the band, plus the error."""
         return sum(self.rank())
 
 

@@ -95,7 +95,7 @@ class SensorAudit:
     left : list of Array
         What the fit leaves of each piece, body axes.
     bound : float
-        Root mean square of the error of the ideal.
+        Root mean square of the error of the ideal in the longest piece.
     size : float
         Root mean square of the ideal reading.
     unexplained : float
@@ -166,6 +166,7 @@ def judged(
     rest = _size(every) / max(size, TINY)
     delay = items["delay"]
     names = [each.name for each in ideal.terms if not each.wrong]
+    longest = max(rows, key=lambda each: len(each.ideal))
     return SensorAudit(
         name=ideal.name, items=items,
         fitted={name: (own[name], sd[name]) for name in names},
@@ -174,7 +175,7 @@ def judged(
         deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=np.concatenate(spikes),
         left=left,
         constant=own["bias"] + own["constant"],
-        bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
+        bound=_size(np.sum(np.abs(longest.errors), axis=0)),
         size=size, unexplained=0.0 if explained == "all" else rest,
     )  # fmt: skip
 

@@ -69,7 +69,7 @@ class Stream:
 def columns_of(
     message: Mapping[str, Array], names: Mapping[str, str], there: np.ndarray
 ) -> dict[str, Array]:
-    """Columns by name, from the fields and rows that a message has.
+    """Columns by name, from a message's fields at the rows that are there.
 
     A temperature that is zero in every row was not measured.
     """

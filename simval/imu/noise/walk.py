@@ -47,7 +47,7 @@ def equivalent_walk(
     cover = np.where(slow >= white, slow, 0.0)
     cover[..., -1] = slow[..., -1]
     least = (slow - EXCESS * white) / (1.0 + EXCESS)
-    return 3.0 * np.max(np.maximum(cover, least) / times, axis=-1)
+    return np.asarray(3.0 * np.max(np.maximum(cover, least) / times, axis=-1))
 
 
 def walks_of(
