@@ -1,6 +1,7 @@
 """Results of the gate, comparisons and trends as accounts."""
 
 import shlex
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -213,6 +214,8 @@ def run_account(
     return Account(title="Run", source=folder.name, replies=replies, values=values)
 
 
+_DIGEST = re.compile(r"\b([0-9a-f]{12})[0-9a-f]{20,}\b")
+"""A digest, of which a few digits are enough for people."""
 SHOWN = 8
 """Kinds of change that a short view has; the others are counted."""
 
@@ -221,7 +224,10 @@ def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
     """State what changed between two runs, and whether for better or worse."""
     changed = found.kinds.count("changed")
     settings = short_names(b.cells)
-    dependencies = [Fact("differs", each, notable=True) for each in found.environment]
+    dependencies = [
+        Fact("differs", _DIGEST.sub(r"\1", each), notable=True)
+        for each in found.environment
+    ]
     alone = [
         Fact(f"only in {name}", f"{whole(len(names))}, the first {names[0]}", True)
         for name, names in (("A", found.only_a), ("B", found.only_b))
@@ -243,6 +249,7 @@ def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
         count = counted(found.predictions_changed, "prediction")
         alone.append(Fact("theory", f"{count} changed", notable=True))
     lines.append(f"The false-alarm rate is {found.alpha:g} for all together.")
+    beside = [*dependencies, *alone]
     return Account(
         title="Comparison of",
         source=f"{a.folder.name} (A) and {b.folder.name} (B)",
@@ -258,8 +265,10 @@ def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
                 lines=tuple(lines),
             )
         ],
-        values=_changes([("", move) for move in found.moves], settings),
-        facts=[*dependencies, *alone],
+        values=[
+            *_changes([("", move) for move in found.moves], settings),
+            *([Values(title="What else differs", facts=beside)] if beside else []),
+        ],
     )
 
 
