@@ -1,4 +1,4 @@
-r"""The physics: model files and scripts in, unchecked rows out.
+r"""The physics: from model files and scripts to rows that are not yet checked.
 
 MuJoCo is imported when its physics is first used, so that what simulates nothing starts
 without it, and whatever `MUJOCO_GL` says. It ends its own import where that variable
@@ -58,7 +58,7 @@ RENDERER = "MUJOCO_GL"
 
 @cache
 def _imported() -> Any:
-    """MuJoCo, without a graphics library where the one that is asked for is not."""
+    """Import MuJoCo, without graphics if the library asked for is missing."""
     try:
         import mujoco
     except Exception:  # whatever a graphics library raises that is half there
@@ -73,7 +73,7 @@ def _imported() -> Any:
 
 
 class _Mujoco:
-    """MuJoCo, imported at the first look into it."""
+    """Stand-in for MuJoCo that imports it on first use."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(_imported(), name)
@@ -107,7 +107,7 @@ INTEGRATORS = get_args(Integrator)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Physics:
-    """A compiled model and the hash of its file."""
+    """A compiled model, with the hash of its file."""
 
     model: "mujoco.MjModel"  # checked: every sensor is there, no option spoils the data
     sha256: str  # of the model file, hexadecimal
@@ -130,7 +130,7 @@ def model_path(name: str) -> Path:
 
 
 def models_folder() -> Path:
-    """Folder of the model files that come with the package.
+    """Folder of the models that come with the package.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def load_model(
     timestep: float | None = None,
     integrator: Integrator | None = None,
 ) -> Physics:
-    """Compile a model file, with parameters set in memory, and check it."""
+    """Compile a model file, with some parameters set in memory, and check it."""
     try:
         content = read_bytes(path, MOST_MODEL)
     except OSError as error:
@@ -186,7 +186,7 @@ def _integrator(name: str) -> "mujoco.mjtIntegrator":
 
 
 def check_model(model: "mujoco.MjModel", path: str) -> None:
-    """Refuse a model whose data would silently be wrong; say what to write instead."""
+    """Refuse a model whose data would be wrong; say what to write instead."""
     faults = [*_option_faults(model), *_flag_faults(model), *_sensor_faults(model)]
     if faults:
         msg = f"the model file {path} cannot be used: " + "; ".join(faults)
@@ -257,7 +257,7 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
 class Rollout(NamedTuple):
-    """Runs as they came out of the physics, not yet checked."""
+    """Runs from the physics, not yet checked."""
 
     # accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
     # scalar first) and clock
@@ -280,7 +280,7 @@ def roll_out(
     *,
     positions: bool = False,
 ) -> Rollout:
-    """Run scripts of one length together."""
+    """Run scripts of equal length together."""
     recorded = ("sensordata", *(("qpos", "qvel") if positions else ()))
     with captured_messages() as messages:
         batch, out = _batch(model, scripts, recorded, threads)
@@ -304,7 +304,7 @@ def roll_out(
 def path_length(
     model: "mujoco.MjModel", script: Script, qpos: Float[Array, "m nq"]
 ) -> Float[Array, " m"]:
-    """Distance of the sensor from where it begins, for some positions."""
+    """Distance of the sensor from its start, for some positions."""
     start = model.qpos0 if script.qpos is None else script.qpos
     places = sensor_places(model, [start, *qpos])
     return np.linalg.norm(places[1:] - places[0], axis=1)
@@ -313,7 +313,7 @@ def path_length(
 def sensor_places(
     model: "mujoco.MjModel", qpos: Sequence[Float[Array, " nq"]]
 ) -> Float[Array, "m 3"]:
-    """Position of the sensor in the world, m, for some generalised positions."""
+    """Position of the sensor in the world, m, for generalised positions."""
     data = mujoco.MjData(model)
     places = np.empty((len(qpos), 3))
     for k, each in enumerate(qpos):
@@ -411,7 +411,7 @@ def _controls(
 
 
 def bit_of(name: str) -> int:
-    """Bit of an input in MuJoCo's word of what a state holds."""
+    """Bit in MuJoCo's description of a state that stands for an input."""
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name.upper()}"))
 
 

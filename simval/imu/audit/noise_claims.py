@@ -1,4 +1,4 @@
-"""Noise of a simulated sensor: as claimed, and of a seed of its own on each axis."""
+"""Noise of a simulated sensor: as large as claimed, and independent on each axis."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -28,7 +28,7 @@ BLOCKS: Final = 32  # whose sums of products tell their spread, whatever their c
 
 
 class Claim(NamedTuple):
-    """Noise of one sensor.
+    """Measured noise of one sensor, and the claim that it was compared with.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Claim(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """Two axes whose noise is one."""
+    """Two axes that have the same noise."""
 
     one: str
     other: str
@@ -58,7 +58,7 @@ class Shared(NamedTuple):
 
 
 def noise_rows(found: SensorAudit) -> Float[Array, "n 3"] | None:
-    """What is left of the longest piece in sensor axes; None where it is no noise."""
+    """Residuals of the longest piece in sensor axes; None if they are no pure noise."""
     left = max(found.left, key=len)
     noisy = np.sqrt(np.mean(left**2)) > CLEAR * found.bound + FAINT * found.size
     explained = noisy and not found.wrong and not found.unexplained
@@ -70,7 +70,7 @@ def claims(
     rate_hz: float,
     claimed: Mapping[str, tuple[float, float, float]],
 ) -> tuple[list[Claim], list[Shared], float]:
-    """Compare noise with what is claimed, and each axis with each.
+    """Compare the noise with the claims, and each pair of axes with each other.
 
     Pairs of axes that share a noise are stated with the chance of the greatest
     correlation among all.
