@@ -30,9 +30,8 @@ def rows() -> list[tuple[tuple[str, ...], str]]:
 def house() -> Drawing:
     """The rows as boxes, and the wall."""
     found = rows()
-    d = Drawing(
-        1000, int(STEP * len(found)) + 20, "The layers of simval, each on those below it"
-    )
+    title = "The layers of simval, each on those below it"
+    d = Drawing(1000, int(STEP * len(found)) + 20, title)
     for k, (names, said) in enumerate(found):
         y = 10.0 + STEP * k
         floor = next((FLOORS[name] for name in names if name in FLOORS), "")
