@@ -1,7 +1,7 @@
 """Results of the gate, comparisons and trends as accounts."""
 
-import shlex
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
