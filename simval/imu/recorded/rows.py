@@ -220,9 +220,12 @@ def row_centre(
     noise = 0.5 * quiet * shown.shape[1] / size
     real = fit.weight @ np.maximum(fit.rest - noise, 0.0)
     coherent = COHERENT * float(np.sqrt(real / (fit.weight @ fit.moves)))
-    # a row after a hole is of the hole or of its last step: it moves c by up to a step
-    missed = np.maximum(np.rint(np.diff(time[rows], axis=1) / step) - 1.0, 0.0)
-    holes = step * float(missed.mean())
+    # a row after a hole is of the hole or of its last step, which moves c by up to a
+    # step; what is stamped late leaves no hole, for the next step is as much shorter
+    steps = np.diff(time[rows], axis=1) / step
+    missed = np.maximum(np.floor(steps + 0.25) - 1.0, 0.0).sum(axis=1)
+    longer = np.maximum(steps.sum(axis=1) - (size - 1), 0.0)
+    holes = step * float(np.minimum(missed, longer).mean()) / size
     return RowCentre(
         by=by,
         centre=centre,

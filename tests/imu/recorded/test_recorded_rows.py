@@ -56,6 +56,9 @@ def test_rows_that_are_missing_accuse_no_convention(kind):
     assert found.rows in (Rows(kind=kind), Rows())
     whole = row_centre(t, gyro, force, "accelerometer")
     assert seen.bar > 0.0018 > whole.bar
+    # a row that is stamped late is not missing
+    late = t + 0.016 * (np.arange(len(t)) % 10 == 5)
+    assert row_centre(late, gyro, force, "accelerometer").coherent < 0.001
 
 
 def test_an_arm_s_force_in_quick_turning_is_none_of_the_middle_s():
