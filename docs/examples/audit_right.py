@@ -3,7 +3,7 @@
 Draw k of FIRST to LAST - 1 has its own generator, of seed (100, k): a rate of 10 Hz to
 10 kHz, 150 to 4,000 rows and a pace. A quarter are at rest, half are in single
 precision, half declare nothing, and a third have no noise. Prints each one that is
-called wrong or not explained, and how many there are of each answer.
+called wrong or not explained, and how many of each motion have each answer.
 """
 
 import sys
@@ -15,7 +15,10 @@ import numpy as np
 from simval.imu.audit import Declared, audit
 from simval.studies.simulated_imus import declared, simulated
 
-ANSWERS = {0: "right", 1: "called wrong", 3: "not judged whole"}
+ANSWERS = {
+    0: "right", 3: "not judged whole", 1: "called wrong", 4: "not explained",
+}  # fmt: skip
+MOVING = ("moves under 1 s", "1 to 3 s", "3 to 30 s", "longer")
 STILL = {"move": 0.0, "turn": 0.0, "spin": 0.0}
 
 
@@ -34,18 +37,26 @@ def drawn(k):
     return imu, Declared() if k // 8 % 2 == 0 else declared()
 
 
+def motion(k, seconds):
+    """Name the kind of a draw: at rest, or how long it moves."""
+    return "at rest" if k % 4 == 0 else MOVING[np.searchsorted([1, 3, 30], seconds)]
+
+
 def main(first, last):
     """Audit the draws and print the counts."""
-    answers = Counter(dict.fromkeys(ANSWERS.values(), 0))
+    counts = Counter()
     for k in range(first, last):
-        found = audit(*drawn(k))
+        imu, said = drawn(k)
+        found = audit(imu, said)
         unexplained = any(sensor.unexplained for sensor in found.sensors)
-        answer = "not explained" if unexplained else ANSWERS[found.exit_code]
-        answers[answer] += 1
+        answer = ANSWERS[4 if unexplained else found.exit_code]
+        counts[motion(k, np.ptp(imu.time)), answer] += 1
         if unexplained or found.exit_code == 1:
             click.echo(f"draw {k}: {found}")
-    for answer, count in answers.items():
-        click.echo(f"{answer:20}{count:5}")
+    click.echo(f"{'':16}" + "".join(f"{x:>18}" for x in ANSWERS.values()))
+    for kind in ("at rest", *MOVING):
+        each = [counts[kind, x] for x in ANSWERS.values()]
+        click.echo(f"{kind:16}" + "".join(f"{x:18}" for x in each))
 
 
 if __name__ == "__main__":

@@ -176,7 +176,8 @@ def test_the_power_that_the_page_states(capsys):
 def test_a_right_one_of_those_that_the_page_counts(capsys):
     """Draw 821: a mount turns the bias and the lever arm that are fitted, too."""
     run_path(EXAMPLES / "audit_right.py")["main"](821, 822)
-    assert f"{'called wrong':20}{0:5}" in capsys.readouterr().out
+    moved = capsys.readouterr().out.splitlines()[2]
+    assert moved.split() == ["moves", "under", "1", "s", "0", "1", "0", "0"]
 
 
 SIMULATOR = """
