@@ -149,7 +149,10 @@ class Ideal:
             target = target + (after - before) * state.times[k]
         square = np.einsum("kij,nj->nik", _MATRICES, ideal)
         first = 3 * (self.declared.mount is None)
-        columns |= {"scale": ideal[..., None], "mount": square[..., :3]}
+        # a mount turns what is fitted, too
+        whole = now + sum(state.value.get(name, 0.0) for name in ("bias", "constant"))
+        turned = np.einsum("kij,nj->nik", _MATRICES[:3], whole)
+        columns |= {"scale": ideal[..., None], "mount": turned}
         columns["axes"] = square[..., first:]
         columns["bias"] = columns["constant"] = np.broadcast_to(_UNIT, (len(now), 3, 3))
         widths = [columns[each.name].shape[2] for each in self.terms]

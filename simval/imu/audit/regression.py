@@ -186,13 +186,20 @@ class Regression:
         squares = np.vecdot(fit.root @ self._shares(fit), fit.root)
         return np.asarray(self._errors @ np.sqrt(np.maximum(squares, 0.0)))
 
-    def fit(self, terms: tuple[Flaw, ...], instant: float) -> TermFit:
-        """Fit some terms to rows that belong so many steps before their stamp."""
+    def fit(
+        self, terms: tuple[Flaw, ...], instant: float, simple: Sequence[Flaw] = ()
+    ) -> TermFit:
+        """Fit some terms to rows that belong so many steps before their stamp.
+
+        Simple mistakes may be held at their own values, as if they were subtracted.
+        """
         p = len(self._prior)
         free = np.concatenate([np.arange(p)[self.place[each.name]] for each in terms])
         value, told = np.zeros(p), np.zeros(p, bool)
         value[self.place["delay"].start] = instant
         value[free] = 0.0
+        for each in simple:
+            value[self.place[each.name]] = each.simple
         z = np.append(-value, 1.0)
         products = self._sum[np.ix_(free, free)] + np.diag(self._prior[free])
         size = np.sqrt(np.diagonal(products))
@@ -229,12 +236,21 @@ class Regression:
     def fewest(self, rate: float) -> tuple[Explained, TermFit]:
         """Find the fewest errors that explain the readings, how far, and their fit.
 
-        Of as many, those of the least squares. Where no few explain all, the fewest
-        that explain most of it; where none do that, the best of the most.
+        Of as many, those of the least squares and parameters, of which a simple mistake
+        has none. Where no few explain all, the fewest that explain most of it; where
+        none do that, the best of the most.
         """
         fitted = tuple(each for each in self.terms if not each.wrong)
         wrong = [each for each in self.terms if each.wrong]
         penalty = np.log(max(self._bins.sum(), 2.0))
+
+        def cost(fit: TermFit) -> float:
+            # of the information criterion of Bayes: of a simple mistake nothing is free
+            free = tuple(each for each in fit.terms if not each.simple)
+            simple = [each for each in fit.terms if each.simple]
+            held = self.fit(free, fit.instant, simple) if simple else fit
+            return min(each.squares + penalty * each.rank for each in (fit, held))
+
         tried: list[TermFit] = []
         for size in range(MOST + 1):
             fits = [
@@ -243,9 +259,7 @@ class Regression:
                 for instant in INSTANTS
             ]
             good = [each for each in fits if self.explains(each, rate)]
-            tried.append(
-                min(good or fits, key=lambda each: each.squares + penalty * each.rank)
-            )
+            tried.append(min(good or fits, key=cost))
             if good:
                 return "all", tried[-1]
         main = self.whole.squares * (1.0 - MAINLY) + MAINLY * tried[0].squares

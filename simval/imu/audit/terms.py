@@ -49,6 +49,9 @@ class Flaw(NamedTuple):
         The first whose limits hold the value; the last is of all that are left.
     sd : float
         Prior of a parameter that is fitted; infinite for what may be wrong.
+    simple : tuple of float
+        Of a time, value and squared width of the mistake that people make, of which
+        nothing is left to fit.
     """
 
     name: str
@@ -62,6 +65,7 @@ class Flaw(NamedTuple):
     says: tuple[Saying, ...] = ()
     vector: bool = False
     sd: float = INF
+    simple: tuple[float, ...] = ()
 
     @property
     def wrong(self) -> bool:
@@ -132,7 +136,7 @@ TERMS: Final = (
         (-INF, INF, "has acceleration {one} steps late against the attitude, as a "
          "backward difference of velocity over {steps:.2g} steps",
          "a difference of the past beside the attitude of now"),
-    )),
+    ), simple=(0.5, 1.0)),
     Flaw("rate", "rate of that instant", "steps", "instants", whole=2.0, held=0.6,
          says=((-INF, INF, "has a centripetal term {one} steps late", _STAGES),)),
     Flaw("constant", "no constant", "", "constant", says=(

@@ -173,6 +173,13 @@ def test_the_power_that_the_page_states(capsys):
     assert found.split()[-2:] == ["0.00", "1.00"]
 
 
+def test_a_right_one_of_those_that_the_page_counts(capsys):
+    """Draw 821: a mount turns the bias and the lever arm that are fitted, too."""
+    run_path(EXAMPLES / "audit_right.py")["main"](821, 822)
+    moved = capsys.readouterr().out.splitlines()[2]
+    assert moved.split() == ["moves", "under", "1", "s", "0", "1", "0", "0"]
+
+
 SIMULATOR = """
 import numpy as np
 def simulate(request):
