@@ -41,11 +41,13 @@ class Wrench(LeafSystem):
         output.set_value([found])
 
 
-def simulate(request, continuous=False):
+def simulate(request, continuous=False, sampled=True):
     """Read after each step; of a continuous plant at the same times."""
     step = 1.0 / request.rate
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.0 if continuous else step))
+    if not sampled:
+        plant.SetUseSampledOutputPorts(False)
     plant.mutable_gravity_field().set_gravity_vector([0, 0, -G])
     inertia = SpatialInertia(MASS, [0, 0, 0], UnitInertia(*(INERTIA / MASS)))
     body = plant.AddRigidBody("b", inertia)

@@ -7,8 +7,8 @@ from body import INERTIA, LEVER, MASS, MOUNT, RATE, G, recording, wrench
 from newton.sensors import SensorIMU
 
 
-def simulate(request):
-    """Read after each step."""
+def simulate(request, integrator=None):
+    """Read after each step; the default of the integrator is `implicitfast`."""
     wp.config.quiet = True
     step = 1.0 / request.rate
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, -G))
@@ -23,7 +23,7 @@ def simulate(request):
     builder.add_site(body, xform=place, label="imu_0")
     model = builder.finalize(device="cpu")
     imu = SensorIMU(model, sites="imu_*", request_state_attributes=False)
-    solver = newton.solvers.SolverMuJoCo(model)
+    solver = newton.solvers.SolverMuJoCo(model, integrator=integrator)
     seen = solver.observables(kinds=imu.solver_observable_kinds)
     now, after, control = model.state(), model.state(), model.control()
     for array, first in ((now.body_qd, 3), (now.joint_qd, 3)):
