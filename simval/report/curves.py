@@ -55,7 +55,6 @@ class Measured(NamedTuple):
     remainder: float = 0.0  # what the prediction itself may be off by
     n: int = 0  # independent samples; 0 where there are none
     unit: str = ""  # of the numbers
-    against: str = "predicted"  # what the prediction is
 
 
 def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
@@ -68,20 +67,17 @@ def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
     if isfinite(found.prediction):
         off = factor * found.remainder
         more = f", which leaves out {number(off, 2)}" if off > 0.0 else ""
-        words = f"{found.against} {number(factor * found.prediction)}{behind}"
-        lines.append(words + more)
+        lines.append(f"predicted {number(factor * found.prediction)}{behind}{more}")
     inside = described(cell.study, cell.parameters)
     lines.append(": ".join(filter(None, (spelled(cell.study), inside))))
     lines.append(reproduce(cell.named, cell.run))
     return "\n".join(line for line in lines if line)
 
 
-def described(
-    study: str, parameters: Mapping[str, Any], without: tuple[str, ...] = EFFORT
-) -> str:
+def described(study: str, parameters: Mapping[str, Any]) -> str:
     """Spell the parameters of a cell in words."""
-    shown = (item for item in parameters.items() if item[0] not in without)
-    return ", ".join(setting_words(study, key, value) for key, value in shown)
+    shown = (each for each in parameters.items() if each[0] not in EFFORT)
+    return ", ".join(setting_words(study, *each) for each in shown)
 
 
 # ---- slopes
@@ -211,10 +207,10 @@ class Curve:
         )
 
     @np.errstate(over="ignore")  # what overflows is not drawn
-    def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
+    def points(self, z: float, place: int = 0) -> Series:
         """Measured points with bands."""
         return Series(
-            label=self.label if label is None else label,
+            label=self.label,
             x=self.x,
             y=self.value,
             band=z * self.error,
@@ -240,14 +236,14 @@ def curve(
     label: str,
     cells: Iterable[CellResult],
     axis: str,
-    measure: Callable[[CellResult], Row | Measured | None],
+    row_of: Callable[[CellResult], Row | None],
 ) -> Curve | None:
-    """Measure each cell, or read a row of it, and sort along an axis; None of none."""
+    """Read a row of each cell, and sort along an axis; None of none."""
     found = [
-        (place, cell, read(each) if isinstance(each, Row) else each)
+        (place, cell, read(row))
         for cell in cells
         if (place := position(cell, axis)) is not None
-        if (each := measure(cell)) is not None
+        if (row := row_of(cell)) is not None
     ]
     return along_axis(label, found) if found else None
 
