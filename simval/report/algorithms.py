@@ -160,14 +160,10 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         f"{MAX_SETTINGS} of {many} settings" if many > MAX_SETTINGS else "each setting"
     )
 
-    def timed(name: str, what: str) -> float | None:
+    def timed(name: str, what: str, factor: float = 1.0) -> float | None:
         """Median over the cells of an algorithm."""
         found = [times[c.name][what] for c in contest.of(name) if c.name in times]
-        return float(np.median(found)) if found else None
-
-    def milliseconds(name: str) -> float | None:
-        seconds = timed(name, "seconds")
-        return None if seconds is None else 1e3 * seconds
+        return factor * float(np.median(found)) if found else None
 
     def operations(name: str) -> float | None:
         rows = [row for c in contest.of(name) for row in of_family(c, stat.OPERATIONS)]
@@ -191,7 +187,7 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         Column("NEES", "measured", shown="NEES / mean"): lambda n: worst(
             n, honesty, lambda ratio: abs(ratio.value - 1.0)
         ),
-        Column("call, ms", "number", 3): milliseconds,
+        Column("call, ms", "number", 3): lambda n: timed(n, "seconds", 1e3),
         Column("× built-in", "number", 3): lambda n: timed(n, "ratio"),
     }
     counted = ""
