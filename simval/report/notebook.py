@@ -16,6 +16,7 @@ from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.report.curves import axis_of, curve, grouped
 from simval.results import Row
+from simval.spelling import counted
 from simval.sweep import Run
 from simval.text import did_you_mean
 
@@ -187,8 +188,13 @@ def run_html(run: Run) -> str:
         for study, endings in studies.items()
         for words in [", ".join(f"{n} {ending}" for ending, n in endings.items())]
     ]
-    values = Values(title="Cells of each study", lines=lines)
-    return fragment(Account(title="Run", source=run.folder.name, values=[values]))
+    account = Account(
+        title="Run",
+        source=run.folder.name,
+        said=f"{counted(len(run.cells), 'cell')} of suite {run.manifest['suite']}.",
+        values=[Values(title="Cells of each study", lines=lines)],
+    )
+    return fragment(account)
 
 
 def _figure(panels: int) -> Any:
