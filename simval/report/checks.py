@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from simval.change import EFFORT
 from simval.figures import Figure
 from simval.judge.findings import reproduce
-from simval.judge.settings import varying
+from simval.judge.settings import settings_of
 from simval.report.curves import (
     HEIGHT,
     PREFERRED,
@@ -284,7 +283,7 @@ def _outside(rows: Sequence[tuple[CellName, Row]]) -> list[Table]:
 def _places(run: Run) -> dict[CellName, tuple[Any, ...]]:
     """Noise and poses of each cell, and in words what else varies in its study."""
     keys = {
-        study: [key for key in varying(run.of(study)) if key not in EFFORT]
+        study: settings_of(run.of(study))
         for study in {cell.study for cell in run.cells}
     }
     many = len({cell.seed for cell in run.cells}) > 1

@@ -22,7 +22,7 @@ import scipy
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
-from simval.judge.settings import setting_words, varying
+from simval.judge.settings import place_words, setting_words, settings_of
 from simval.report.formatting import spelled
 from simval.report.panels import (
     BOUND,
@@ -321,14 +321,10 @@ def grouped(
     cells: Sequence[CellResult], *axes: str
 ) -> Mapping[str, tuple[CellResult, ...]]:
     """Group cells that differ only along some axes (and in effort and seed)."""
-    skipped = {*axes, *EFFORT}
-    keys = [k for k in varying(cells) if k not in skipped]
+    keys = settings_of(cells, *axes)
     groups: dict[str, list[CellResult]] = {}
     for cell in cells:
-        label = ", ".join(
-            setting_words(cell.study, key, cell.parameters.get(key)) for key in keys
-        )
-        groups.setdefault(label, []).append(cell)
+        groups.setdefault(place_words(cell, keys), []).append(cell)
     return {label: tuple(members) for label, members in groups.items()}
 
 
@@ -342,14 +338,12 @@ def first(
 
 def axis_of(cells: Sequence[CellResult]) -> str:
     """Parameter along which the curves of a study run."""
-    keys = [key for key in varying(cells) if _numeric(cells, key)]
-    every = {key for cell in cells for key in cell.parameters}
-    fixed = sorted(key for key in every if _numeric(cells, key))
-    ranked = sorted(
-        (key for key in keys if key not in EFFORT),
-        key=lambda key: PREFERRED.index(key) if key in PREFERRED else len(PREFERRED),
-    )
-    return next(iter([*ranked, *(k for k in PREFERRED if k in fixed), *fixed]), "")
+    every = sorted({key for cell in cells for key in cell.parameters})
+    for keys in (settings_of(cells), every):  # of one place all do not vary
+        numbers = [key for key in keys if _numeric(cells, key)]
+        if numbers:
+            return next((key for key in PREFERRED if key in numbers), numbers[0])
+    return ""
 
 
 def _numeric(cells: Sequence[CellResult], key: str) -> bool:

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simval.change import EFFORT
 from simval.figures import (
     VARYING,
     Figure,
@@ -20,7 +19,7 @@ from simval.figures import (
     belongs,
     entries,
 )
-from simval.judge.settings import axis_words, setting_words, varying
+from simval.judge.settings import axis_words, place_words, settings_of
 from simval.report import panels
 from simval.report.curves import (
     MAX_GROUPS,
@@ -509,5 +508,4 @@ def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, s
 
 def where_of(cell: CellResult, cells: Cells, without: object = None) -> str:
     """Parameters that distinguish a cell from the others of its study."""
-    keys = [key for key in varying(cells) if key not in (*EFFORT, without)]
-    return ", ".join(setting_words(cell.study, k, cell.parameters.get(k)) for k in keys)
+    return place_words(cell, settings_of(cells, without))

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from simval.change import EFFORT
 from simval.figures import (
     VARYING,
     Artifact,
@@ -23,7 +22,7 @@ from simval.figures import (
     predictor,
     words,
 )
-from simval.judge.settings import axis_words, varying
+from simval.judge.settings import axis_words, settings_of, varying
 from simval.report.artifacts import drawn_artifacts
 from simval.report.curves import fitted_slope, order
 from simval.report.findings import Claim, behind, claiming, slopes_said
@@ -125,7 +124,7 @@ def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
 def listed(listing: Listing, cells: Cells) -> list[Table]:
     """A table of rows: a line for each cell and key; none without rows."""
     cells = [c for c in cells if listing.where(c.parameters)]
-    varied = [key for key in varying(cells) if key not in EFFORT]
+    varied = settings_of(cells)
     parameters = [*dict.fromkeys((*listing.parameters, *varied))]
     parameters += ["seed"] if len({cell.seed for cell in cells}) > 1 else []
     lines: dict[tuple[Any, ...], dict[str, Row]] = {}
