@@ -42,7 +42,6 @@ from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import numbers
 from simval.report.table import Column, Kind, Table, tabulated
-from simval.results import CellName
 from simval.spelling import rounded
 from simval.studies.filter import REFERENCE
 from simval.sweep import Run
@@ -129,13 +128,9 @@ def _only(cell: CellResult) -> str:
     return str(cell.parameters.get("scenario") or "all")
 
 
-def answer_of(cells: Iterable[CellResult], verdicts: Iterable[Verdict]) -> str:
+def answer_of(cells: Sequence[CellResult], verdicts: Iterable[Verdict]) -> str:
     """Worst answer to the cells of an algorithm, or how one without a result ended."""
-    names: set[CellName] = set()
-    endings = set()
-    for cell in cells:
-        names.add(cell.named)
-        endings.add(cell.ending)
+    names, endings = {cell.named for cell in cells}, {cell.ending for cell in cells}
     answers = {v.answer for v in verdicts if v.cell in names}
     return next((word for word in ENDINGS if word in endings | answers), "")
 

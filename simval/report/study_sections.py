@@ -29,14 +29,11 @@ from simval.report.findings import Claim, behind, claiming, slopes_said
 from simval.report.formatting import slug, spelled
 from simval.report.gallery import (
     Cells,
-    Point,
     curves_of,
     drawn,
     groups_of,
-    line_of,
     panels_of,
-    place_of,
-    rows_of,
+    points_of,
     settled,
     with_unit,
 )
@@ -70,13 +67,7 @@ def slopes_of(figure: Figure, cells: Cells) -> list[tuple[Any, ...]]:
     rows: list[tuple[Any, ...]] = []
     figure, cells = settled(figure, cells)
     for label, own in groups_of(figure, cells).items() if figure.slope else ():
-        points = [
-            Point(words(row), line_of(figure, row, cell), place, cell, row)
-            for cell in own
-            for row in rows_of(figure, cell)
-            if (place := place_of(figure, row, cell)) is not None
-        ]
-        for what, curves in curves_of(figure, points).items():
+        for what, curves in curves_of(figure, points_of(figure, own, words)).items():
             for c in curves:
                 leading = figure.slope
                 if isinstance(leading, Mapping):
