@@ -1,4 +1,4 @@
-"""What a suite asks of its run: a table of each quantity, and an answer to each need.
+"""What a suite asks of its run: a table for each quantity, an answer for each need.
 
 A question of two axes that names no quantity asks for those that represent its study.
 
@@ -75,7 +75,7 @@ ANY = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A quantity in one cell."""
+    """A quantity that was measured in one cell."""
 
     cell: CellResult
     row: Row
@@ -83,29 +83,29 @@ class Found:
 
     @property
     def off(self) -> float:
-        """How far it is above its limit."""
+        """Value minus its limit."""
         limit = None if self.verdict is None else self.verdict.row.prediction
         return self.row.value - (limit or 0.0)
 
     @property
     def times(self) -> float:
-        """Times as many trials as would tell it from its limit."""
+        """Factor by which more trials would tell the value from its limit."""
         seen = inf if self.verdict is None else self.verdict.detectable
         return max((seen / (self.off or nan)) ** 2, MIN_SAMPLES / max(self.row.n, 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """A quantity that a suite asks for, in every cell that has it."""
+    """A quantity that a suite asks for, in each cell that measured it."""
 
     need: Need
     question: str  # of the suite
-    unit: Unit  # in which it is told
+    unit: Unit  # in which it is stated
     found: Sequence[Found]
     why: str = ""  # nothing is told of it
 
     def of(self, each: Found) -> Answer | None:
-        """The answer in a cell; None where nothing is needed."""
+        """Whether the need is met in a cell; None if nothing is needed."""
         if each.verdict is None:
             return None
         if each.verdict.answer != "fail":
@@ -114,12 +114,12 @@ class Asked:
 
     @property
     def words(self) -> str:
-        """What it is."""
+        """Name of the quantity."""
         return next((x.row.statistic.words for x in self.found), self.need.quantity)
 
     @property
     def answer(self) -> Answer:
-        """Good news if the need is met in some cell, and bad news if it is in none."""
+        """The best answer of any cell: the need is met if it is met somewhere."""
         answers = [answer for x in self.found if (answer := self.of(x))]
         return min(answers, key=GRAVITY.index, default="inconclusive")
 
@@ -130,14 +130,14 @@ class Asked:
         return one_line(f"{side} {self.need.bound}".replace("^2", "²"))
 
     def spelled(self, each: Found) -> str:
-        """The value in a cell, with its error and unit."""
+        """The value in a cell, with its standard error and unit."""
         row, factor = each.row, self.unit.factor
         words = measured(factor * row.value, factor * row.standard_error)
         return f"{words} {self.unit.name}".rstrip()
 
     @property
     def reply(self) -> Reply:
-        """Whether the need is met, where, and what would tell."""
+        """Answer whether the need is met, where, and what would settle it."""
         counts = Counter(map(self.of, self.found))
         said, total = self.why, len(self.found)
         best = [each for each in self.found if self.of(each) == self.answer]
@@ -168,7 +168,7 @@ class Asked:
 
     @property
     def values(self) -> Values:
-        """A table over what varies: a column for each value of what varies least."""
+        """A table of the cells; the parameter with the fewest values goes across."""
         cells = [each.cell for each in self.found]
         keys = settings_of(cells)
         columns = [len({repr(c.parameters.get(key)) for c in cells}) for key in keys]
@@ -196,7 +196,7 @@ class Asked:
         )
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values, numbers in the unit of results.csv."""
+        """Return it as plain JSON values, in the units of results.csv."""
         return {
             **self.need.model_dump(exclude_defaults=True),
             "unit": next((each.row.unit for each in self.found), None),
@@ -214,7 +214,7 @@ class Asked:
 
 
 def asked(run: Run, alpha: float = ALPHA) -> tuple[Asked, ...]:
-    """What a run says of the quantities that its suite names."""
+    """Find the quantities that a run's suite asks for, and judge their needs."""
     stated = [Need.model_validate(each) for each in run.manifest.get("need", ())]
     needs = dict.fromkeys(stated, None) or dict(_of_question(run))
     rows = [
@@ -281,7 +281,7 @@ def distance(row: Row) -> float:
 
 
 def _check(row: Row) -> Check:
-    """A value of many samples has an error; without one nothing is told of it."""
+    """The rule to judge by: sampling where there is an error or many samples."""
     return "plain" if row.standard_error > 0.0 or row.n > 1 else "exact"
 
 
@@ -310,17 +310,17 @@ def _asked(
 
 
 def _place(cell: CellResult, cells: Sequence[CellResult], but: str = "") -> str:
-    """What sets a cell apart from others, in words."""
+    """Say which parameters distinguish a cell from the others."""
     words = one_line(place_words(cell, settings_of(cells, but)))
     many = len({each.seed for each in cells}) > 1
     return ", ".join(filter(None, (words, f"seed {cell.seed}" if many else "")))
 
 
 def replies_to(found: Sequence[Asked]) -> list[Reply]:
-    """An answer to each need."""
+    """The answer for each need."""
     return [each.reply for each in found if each.need.bound]
 
 
 def tables_of(found: Sequence[Asked]) -> list[Values]:
-    """A table of each quantity that varies."""
+    """A table for each quantity that varies."""
     return [each.values for each in found if len(each.found) > 1]

@@ -1,4 +1,4 @@
-"""Drawings as inline SVG, or as files in SVG and PNG: same data, same bytes.
+"""Write drawings as SVG or PNG; the same data gives the same bytes.
 
 Every panel has the same width; letters are as large as a phone needs them, and the
 page's style makes them smaller where there is room. What is about the axes (title,
@@ -116,7 +116,7 @@ CORNERS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sheet:
-    """A panel on paper."""
+    """A panel with its place on paper."""
 
     panel: AnyPanel
     frame: Frame
@@ -128,29 +128,29 @@ class Sheet:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Its axes: left, top, right, bottom."""
+        """The box of its axes: left, top, right, bottom."""
         return self.x.start, self.y.stop, self.x.stop, self.y.start
 
 
 class Part(NamedTuple):
-    """Panels over one another."""
+    """Panels above one another."""
 
     sheets: Sequence[Sheet]
     legend: Sequence[Entry]  # its own, where the figure has none
 
     @property
     def height(self) -> float:
-        """Height of all of them."""
+        """Height of the panels together."""
         return sum(sheet.height for sheet in self.sheets)
 
     @property
     def long(self) -> bool:
-        """True if it has a long curve."""
+        """True if it has a curve with many points."""
         return any(_long(sheet.panel) for sheet in self.sheets)
 
 
 class Plan(NamedTuple):
-    """A figure on paper."""
+    """A figure, laid out on paper."""
 
     parts: Sequence[Part]
     legend: Sequence[Entry]  # of all of them
@@ -159,7 +159,7 @@ class Plan(NamedTuple):
 
 
 def planned(drawing: Drawing, *, legends: bool = False) -> Plan:
-    """Lay a drawing out, with the legends in it or without."""
+    """Lay out a drawing, with or without legends."""
     panels = [
         [*map(_in_lines, (panel, *getattr(panel, "strips", ())))]
         for panel in drawing.panels
@@ -199,7 +199,7 @@ def _long(panel: AnyPanel) -> bool:
 
 
 def _entries(frames: Iterable[Frame]) -> list[Entry]:
-    """Entries of the legend of some panels, each once."""
+    """Legend entries of some panels, each once."""
     every = {(e.label, sample(e)): e for frame in frames for e in frame.entries}
     return [*every.values()]
 
@@ -207,7 +207,7 @@ def _entries(frames: Iterable[Frame]) -> list[Entry]:
 def _share_scales(
     panels: Sequence[Sequence[AnyPanel]], parts: Sequence[list[Frame]]
 ) -> float:
-    """Give panels of one quantity one scale, if it is fine enough for each of them."""
+    """Give panels of the same quantity one scale, if that suits each of them."""
     alike: dict[tuple[str, bool], list[list[Frame]]] = {}
     for (panel, *_), part in zip(panels, parts, strict=True):
         if isinstance(panel, Panel) and panel.limits is None:
@@ -274,7 +274,7 @@ def _sheets(
     legend: Sequence[Entry],
     titled: bool,
 ) -> list[Sheet]:
-    """Panels over one another, with the names of their lines from `right` on."""
+    """Lay out panels above one another, the names of their lines from `right` on."""
     highs = [_up(*each, up) for each in zip(panels, frames, strict=True)]
     left = max(map(_left, frames, highs))
     found: list[Sheet] = []
@@ -304,7 +304,7 @@ def _widest(names: Ticks, size: float = SIZE) -> float:
 
 
 def _left(frame: Frame, up: float) -> float:
-    """Room left of the axes that the names beside and below them need."""
+    """Width that the names left of the axes need."""
     if frame.bare:
         return (WIDTH - up) / 2.0
     beside = _widest(ticks_of(frame.y, up, along=False)) + PAD + TICK
@@ -324,10 +324,10 @@ def _sheet(
     last: bool,
     titled: bool,
 ) -> Sheet:
-    """A panel with the room that its words need; the last has the names below."""
+    """Lay out one panel with the room that its words need."""
     down = EDGE if frame.y.label else 0.0
     ink: list[Ink] = []
-    # the words of the axis may say as much
+    # the name of the axis may say the same
     title = frame.title if titled else ""
     title = "" if frame.y.label.startswith(title) else title
     for text, size in ((title, TITLE), (frame.y.label, SIZE)):
@@ -360,7 +360,7 @@ def _sheet(
 def _ruled(
     axis: Scale, other: Scale, ticks: Ticks, words: Sequence[Words], *, flat: bool
 ) -> Group:
-    """An axis with its grid, its ticks and their names; a logarithmic one has more."""
+    """An axis with its grid, ticks and names."""
     kind, foot, out = axis.axis, other.start, TICK if flat else -TICK
     named = [float(axis(value)) for value, _ in ticks]
     grid = [[(at, foot), (at, other.stop)] for at in named * kind.grid]
@@ -379,7 +379,7 @@ def _ruled(
 def _below(
     frame: Frame, x: Scale, ticks: Ticks, down: float
 ) -> tuple[list[Words], float]:
-    """Words below an axis, from this height; and their end."""
+    """Words below an axis, and where they end."""
     down += PAD + TICK * x.axis.marked
     if frame.slant:
         how: Any = {"size": SMALL, "anchor": "end", "turn": frame.slant}
@@ -406,7 +406,7 @@ def _beside(y: Scale, ticks: Ticks, left: float) -> list[Words]:
 
 
 def _legend(entries: Sequence[Entry], left: float, top: float) -> tuple[Group, float]:
-    """A legend below the axes, an entry on a line; and its end."""
+    """A legend below the axes, and where it ends."""
     ink: list[Ink] = []
     for entry in entries:
         name = broken(entry.label, SLACK * WIDTH - left - SAMPLE - BETWEEN, SMALL)
@@ -425,7 +425,7 @@ def _moved(ink: Lines | Marks, by: Array) -> Lines | Marks:
 
 
 def _up(panel: AnyPanel, frame: Frame, usual: float) -> float:
-    """Height of the axes: as usual, or what the names of its rows need."""
+    """Height of the axes: the usual one, or what the names of its rows need."""
     if isinstance(panel, SpherePanel):
         return DISC
     if isinstance(panel, Panel):
@@ -438,7 +438,7 @@ def _up(panel: AnyPanel, frame: Frame, usual: float) -> float:
 
 
 def _wide(text: str, size: float = SIZE) -> float:
-    """Width of the longest line of words."""
+    """Width of the longest line of a text."""
     lines = text.split("\n")
     return size * max(sum(ADVANCES.get(c, 0.7) for c in line) for line in lines)
 
@@ -448,7 +448,7 @@ def _high(text: str, size: float = SIZE) -> float:
 
 
 def broken(text: str, room: float, size: float = SIZE) -> str:
-    """Break words into lines of this length, or within a word at a seam."""
+    """Break words into lines that fit, within a word only at a seam."""
     most = max(1, int(room / (LETTER * size)))
     lines: list[str] = []
     for line in wrap(text, most, break_long_words=False, break_on_hyphens=False):
@@ -480,12 +480,12 @@ def _in_lines(panel: AnyPanel) -> AnyPanel:
 
 
 def root(drawing: Drawing) -> str:
-    """Id of the ``svg`` element, and prefix of every id in it."""
+    """Id of the ``svg`` element, which prefixes every id in it."""
     return f"svg-{drawing.name}"
 
 
 def shown(drawing: Drawing) -> tuple[Plan, list[str]]:
-    """What a page sets side by side: an ``svg`` element for each part, and legends."""
+    """The ``svg`` elements that a page sets side by side, with their legends."""
     plan, found = planned(drawing), []
     alone = len(plan.parts) == 1
     for i, part in enumerate(plan.parts, 1):
@@ -496,7 +496,7 @@ def shown(drawing: Drawing) -> tuple[Plan, list[str]]:
 
 
 def svg_file(drawing: Drawing) -> str:
-    """Draw as a separate SVG file: dark ink on white paper.
+    """Draw as an SVG file of its own: dark ink on white paper.
 
     Parameters
     ----------
@@ -517,7 +517,7 @@ def svg_file(drawing: Drawing) -> str:
 
 
 def _grid(drawing: Drawing, plan: Plan) -> Iterator[tuple[float, float, Part]]:
-    """The parts of a figure side by side, each with its corner."""
+    """Parts of a figure side by side, each with its corner."""
     columns, top = min(len(plan.parts), drawing.columns), 0.0
     for i in range(0, len(plan.parts), columns):
         row = plan.parts[i : i + columns]
@@ -533,7 +533,7 @@ def _size(placed: Sequence[tuple[float, float, Part]]) -> tuple[float, float]:
 def _svg(
     placed: Sequence[tuple[float, float, Part]], plan: Plan, name: str, words: str
 ) -> str:
-    """Draw as an ``svg`` element with prefixed ids and a text alternative."""
+    """Draw an ``svg`` element with prefixed ids and a text alternative."""
     images: list[str] = []
     discs: list[str] = []
     for left, top, part in placed:
@@ -583,7 +583,7 @@ def _discs(sheet: Sheet, labels: Sequence[str]) -> str:
 
 
 def sample(entry: Entry) -> str:
-    """The sample of an entry of a legend."""
+    """The sample of a legend entry."""
     return "".join(map(_part, entry.ink))
 
 
@@ -607,7 +607,7 @@ def _inked(sheet: Sheet, name: str) -> Iterator[str]:
 
 
 def _numbers(frame: Frame) -> str:
-    """The numbers of a panel: a line of what they are, and below it each as CSV.
+    """The data of a panel as CSV, with a heading.
 
     Of more than `MOST` marks of a kind every second, or fewer; lines have no more.
     """
@@ -627,7 +627,7 @@ def _one_line(words: str) -> str:
 
 
 def _reach(sheet: Sheet) -> Array:
-    """Corners of the axes and, where none is moved, of whole marks at their ends."""
+    """Corners of the axes, extended to whole marks at their ends."""
     more = 0.5 if _long(sheet.panel) else MARK
     return np.array(sheet.box).reshape(2, 2) + more * np.array([[-1.0], [1.0]])
 
@@ -693,7 +693,7 @@ def _words(ink: Words) -> str:
 
 
 def _placed_lines(ink: Words) -> Iterator[tuple[str, float, float]]:
-    """Each line of words and the foot of its letters."""
+    """Each line of a text with its baseline."""
     lines = ink.text.split("\n")
     turn = np.radians(ink.turn)
     for i, line in enumerate(lines if ink.text else []):
@@ -748,7 +748,7 @@ def png(drawing: Drawing) -> bytes:
 def _add(
     figure: Any, ink: Ink, sheet: Sheet, corner: tuple[float, float], *, cut: bool
 ) -> None:
-    """Add ink to a figure of Matplotlib, whose heights go up."""
+    """Add ink to a Matplotlib figure, whose heights count upwards."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Polygon, Rectangle
     from matplotlib.text import Text

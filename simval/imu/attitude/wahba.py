@@ -259,7 +259,7 @@ def profile_matrix(
 ) -> Float[Array, "... 4 4"]:
     """Davenport's K: `q' K q` is the weighted sum of `b' A(q) r`."""
     profile = np.einsum("...n,...ni,...nj->...ij", weights, b, r)
-    trace = np.trace(profile, axis1=-2, axis2=-1)
+    trace = np.linalg.trace(profile)
     K = np.empty((*profile.shape[:-2], 4, 4))
     K[..., :3, :3] = profile + profile.swapaxes(-1, -2)
     K[..., [0, 1, 2], [0, 1, 2]] -= trace[..., None]

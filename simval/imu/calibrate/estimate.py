@@ -1,4 +1,4 @@
-"""The common part of every calibration result, and its account."""
+"""What every calibration result has in common, and its account."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -17,7 +17,7 @@ from simval.text import shown
 
 
 def plain(value: Any) -> Any:
-    """Lists of floats, what is not finite as None."""
+    """Nested lists of floats, with None for what is not finite."""
     numbers = np.asarray(value, dtype=float)
     plain = numbers.astype(object)
     plain[~np.isfinite(numbers)] = None
@@ -63,7 +63,7 @@ class Estimate(Told, ShownFit):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the calibration."""
         if np.ndim(self.status) == 0:
             return type(self).states(self)
         endings, counts = np.unique(np.asarray(self.status), return_counts=True)
@@ -75,13 +75,13 @@ class Estimate(Told, ShownFit):
 
     @property
     def sd(self) -> Float[Array, "... p"]:
-        """Standard deviation of each parameter, (..., p); NaN where there is none."""
+        """Standard deviation of each parameter, (..., p); NaN where it is not known."""
         variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
         return np.sqrt(variance[..., -self.parameters.shape[-1] :])
 
     @property
     def converged(self) -> Any:
-        """True where a trial converged, (...)."""
+        """True for each trial that converged, (...)."""
         return self.status == "converged"
 
     @property
@@ -90,7 +90,7 @@ class Estimate(Told, ShownFit):
         return self.confidence_intervals()
 
     def confidence_intervals(self, level: float = 0.95) -> Float[Array, "... p 2"]:
-        """Confidence interval of each parameter.
+        """Confidence interval of each parameter at a level.
 
         Normal quantiles for a noise that was stated; Student's t with `dof` degrees of
         freedom where the scatter came from the residuals.
@@ -120,7 +120,7 @@ class Estimate(Told, ShownFit):
         return scipy.special.ndtri(tail)
 
     def require_converged(self) -> Self:
-        """Return the fit if every trial converged.
+        """Return the calibration, or raise if a trial did not converge.
 
         Returns
         -------

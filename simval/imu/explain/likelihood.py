@@ -1,4 +1,4 @@
-r"""How well an explanation fits: one marginal likelihood, at any rank.
+r"""How well an explanation fits: one marginal likelihood for parameters of any rank.
 
 The noise of a rest that is felt is that along the vector. With b the bias and A the
 upper triangle of an ellipsoid, rest i is off along the ray from b by
@@ -69,7 +69,7 @@ _DIAGONAL = [0, 3, 5]
 
 
 class Fit(NamedTuple):
-    """An explanation, fitted.
+    """An explanation after it has been fitted.
 
     Attributes
     ----------
@@ -98,11 +98,11 @@ class Fit(NamedTuple):
 
     @property
     def misfit(self) -> float:
-        """Times the measured noise that is left."""
+        """Scatter of the residuals in multiples of the measured noise."""
         return float(np.sqrt(self.squares.sum() / max(self.free, 0.05)))
 
     def chance(self, freedom: Float[Array, " n"]) -> float:
-        r"""Chance of residuals as great by the measured noise.
+        r"""Chance of residuals as large, given the measured noise.
 
         A residual over a noise of d degrees of freedom is Student's; Wallace's
         transformation, :math:`d \ln(1 + e^2/d)` times a constant, makes it normal
@@ -117,7 +117,7 @@ class Fit(NamedTuple):
 
 
 def along(rests: RestMeans, fit: Fit | None = None) -> Float[Array, " n"]:
-    """Noise of each mean that its length feels, in the unit of the readings.
+    """Noise of each mean along the direction that its length depends on.
 
     It is that along the slope of (J1): across the ellipsoid of a fit of nothing but it,
     without one across the nearest sphere. Of a poor part these are 0.1 rad apart, where
@@ -149,7 +149,7 @@ def _centre(z: Float[Array, "n 3"]) -> Float[Array, "3"]:
 
 
 def zero_of(rests: RestMeans, y: Float[Array, "n 3"]) -> Float[Array, "3"]:
-    """Zero of readings: the centre of those that are a sphere far from the given one.
+    """Zero of the readings: the centre of a sphere if they lie on one, else as given.
 
     Such are counts of a converter whose zero is not known.
     """
@@ -157,7 +157,7 @@ def zero_of(rests: RestMeans, y: Float[Array, "n 3"]) -> Float[Array, "3"]:
     spread = float(np.sqrt(np.mean(np.sum((y - mean) ** 2, axis=1))))
     axes = np.linalg.eigvalsh(np.cov(y.T, bias=True))
     least, most = np.sqrt(np.maximum(axes[[0, 2]], 0.0))
-    noise = np.sqrt(np.trace(rests.covariance, axis1=1, axis2=2).max())
+    noise = np.sqrt(np.linalg.trace(rests.covariance).max())
     all_over = least > max(_SPHERE * most, _SEEN * noise)
     if not all_over or np.linalg.norm(mean - rests.zero) < _FAR * spread:
         return rests.zero
@@ -181,7 +181,7 @@ def fits(
     noise: Float[Array, " n"],
     start: Fit | None = None,
 ) -> list[Fit]:
-    """Fit explanations, those with as many columns side by side.
+    """Fit several explanations, those with equally many columns at once.
 
     From a `start`, whose columns stand before an explanation's own, where these leave
     the readings as they are; those that stay far worse than it are not fitted to the
@@ -226,7 +226,7 @@ def _fits(
 def farthest(
     rests: RestMeans, noise: Float[Array, " n"], fit: Fit
 ) -> list[tuple[int, ...]]:
-    """Sets of up to three rests that lower the squares of a plain fit most.
+    """Sets of up to three rests whose removal improves a plain fit most.
 
     By the algebra of its linear form: freeing the set S takes
     :math:`e_S^T (I - H)_{SS}^{-1} e_S` off them.
@@ -244,7 +244,7 @@ def farthest(
         rows = np.array([some for some in sets if len(some) == size])
         own = room[rows[:, :, None], rows[:, None, :]]
         off = e[rows][..., None]
-        lower = (np.swapaxes(off, 1, 2) @ np.linalg.solve(own, off))[:, 0, 0]
+        lower = (off.mT @ np.linalg.solve(own, off))[:, 0, 0]
         order = np.argsort(-lower)[: _EXTENDED if size < _SEVERAL else _SETS]
         best = [tuple(map(int, rows[k])) for k in order]
         found += best[:_SETS]
@@ -319,7 +319,7 @@ def _rows(problem: _Stack, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
     stretch = 1.0 + scale + gain
     stretch = np.where(np.abs(stretch) < _POINT, _POINT, stretch)
     ray = x / stretch  # from the centre to the reading, in the unit of the readings
-    v = x @ np.swapaxes(A, 1, 2)
+    v = x @ A.mT
     length = np.maximum(np.sqrt(np.vecdot(v, v)), 1e-9)
     far = np.maximum(np.sqrt(np.vecdot(ray, ray)), 1e-9)
     e = (far - far / length - effect[..., LENGTH]) / s
@@ -354,10 +354,10 @@ def _settled(
     for step in range(_STEPS if h > 1 else _PATIENT):
         ea, Ja, P, at = e[alive], J[alive], prior[alive], theta[alive]
         w = ((NU + n) / (NU + np.vecdot(ea, ea)))[:, None]
-        H = w[..., None] * (np.swapaxes(Ja, 1, 2) @ Ja) + P
-        gradient = w[..., None] * (np.swapaxes(Ja, 1, 2) @ ea[..., None])
+        H = w[..., None] * (Ja.mT @ Ja) + P
+        gradient = w[..., None] * (Ja.mT @ ea[..., None])
         gradient += P @ (at - centre)[..., None]
-        damped = np.diagonal(H, axis1=1, axis2=2) * damping[alive, None]
+        damped = np.linalg.diagonal(H) * damping[alive, None]
         new = at - np.linalg.solve(H + damped[..., None] * eye, gradient)[..., 0]
         e_new, J_new = _rows(problem.at(alive), new)
         gain = value[alive] - value_of(e_new, new, P)
@@ -372,10 +372,10 @@ def _settled(
         if not len(alive):
             break
     squares = e**2
-    JJ = np.swapaxes(J, 1, 2) @ J
+    JJ = J.mT @ J
     w = (NU + n) / (NU + squares.sum(axis=1))
     H = w[:, None, None] * JJ + prior
-    known = np.trace(np.linalg.solve(JJ + prior, JJ), axis1=1, axis2=2)
+    known = np.linalg.trace(np.linalg.solve(JJ + prior, JJ))
     log = -value - 0.5 * (np.linalg.slogdet(H)[1] - np.linalg.slogdet(prior)[1])
     a = 0.5 * (NU + n)
     log += 0.5 * known * np.log(a) + scipy.special.gammaln(a - 0.5 * known)

@@ -51,7 +51,7 @@ def read_clock(
     rate: float | None,
     rows: Bool[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[Array, " n"], float, float, tuple[tuple[str, str], ...]]:
-    """Times of a log's rows, their rate, the unit of the clock, and what to say.
+    """Times of a log's rows, their rate, the unit of the clock, and remarks.
 
     Order, rate and unit are judged by some of the rows where not all have readings.
     """
@@ -86,7 +86,7 @@ def read_clock(
 
 
 def stated_rate(table: Table, rate: float | None, of: str = "") -> float:
-    """Rate that the caller states, or else the file; `of` is for the options' names.
+    """Rate that the caller states, or else the file's.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def times_of(
     rows: Bool[np.ndarray, " n"] | None = None,
     of: str = "",
 ) -> tuple[Float[Array, " n"], float, list[tuple[str, str]]]:
-    """Times in seconds, the unit of the clock, s, and what was done to it.
+    """Times in seconds, the length of the clock's unit in s, and remarks.
 
     Without a clock, or one in words, by the rate: the unit is then 0.
     """
@@ -129,19 +129,19 @@ def times_of(
         if len(places) == 2 and np.all(
             (whole == np.floor(whole)) & (fine >= 0.0) & (fine < 1e9)
         ):
-            return np.asarray(whole - whole[0] + 1e-9 * fine), 1.0, []
+            return whole - whole[0] + 1e-9 * fine, 1.0, []
         second = _second(table, column, whole[rows], rate)
         time, said = _continued(table, whole, second)
         return time, second, said
     texts = table.texts(column.place)
     if (stamps := _instants(texts)) is not None:
         if re.match(_DATE, texts[0]):
-            return np.asarray((stamps - stamps[0]) / _NS), 1.0, []
+            return (stamps - stamps[0]) / _NS, 1.0, []
         time = stamps / _NS
         midnights = np.diff(time, prepend=time[:1]) < GAP - DAY
         words = "midnight, and the clock is continued"
         said = _said(table, midnights, words)
-        return np.asarray(time + DAY * np.cumsum(midnights)), 1.0, said
+        return time + DAY * np.cumsum(midnights), 1.0, said
     if rate is not None or table.rate:
         return times_of(table, None, rate)
     msg = (
@@ -166,17 +166,17 @@ def _continued(
         if whole and wraps.any() and period * second > GAP / 2.0:
             words = f"the counter of {bits} bits begins again here, and the clock is"
             said = _said(table, wraps, f"{words} continued")
-            return np.asarray((ticks + period * np.cumsum(wraps)) * second), said
-    return np.asarray(ticks * second), []
+            return (ticks + period * np.cumsum(wraps)) * second, said
+    return ticks * second, []
 
 
 def dates_from_1970(first: float, last: float) -> bool:
-    """Return whether seconds are dates of this century, counted from 1970."""
+    """Return whether numbers are dates of this century in seconds since 1970."""
     return _EPOCH[0] <= first and last <= _EPOCH[1]
 
 
 def instants_of(known: list[str], word: str) -> tuple[float, bool] | None:
-    """Seconds of a word on the clock of a log, and whether it says the date, too.
+    """Read a time on a log's clock, and whether it includes the date.
 
     `known` are the first and the last time of the log: a date counts from the first, a
     time of day from midnight, and seconds from 1970 from then. What the word lacks of

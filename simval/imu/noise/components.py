@@ -1,4 +1,4 @@
-r"""Components of the noise of a rate signal: a row of the table for each.
+r"""Components of the noise of a rate signal: a table with a row for each.
 
 A component is its Allan variance and its spectrum, of both signs of the frequency, as
 IEEE 952 (annex C) has them, and its covariance (V1), (V11), for one unit of its square.
@@ -40,7 +40,7 @@ KINDS: Final = ("N", "B", "K", "Q")  # that are always asked for, in order
 
 
 class Letter(NamedTuple):
-    """What a coefficient is, and its unit."""
+    """Name and unit of a coefficient."""
 
     words: str
     raw_unit: str
@@ -63,7 +63,7 @@ LETTERS: Final = {
 
 
 class Process(NamedTuple):
-    """A kind of component, for one unit of its square in units of rows."""
+    """A kind of component, for a unit square coefficient and a unit rate."""
 
     letter: str
     """Its coefficient: Markov noise and the walk share one, their driving noise."""
@@ -84,11 +84,11 @@ class Component(NamedTuple):
 
     @property
     def process(self) -> Process:
-        """Its row of the table."""
+        """The component's row of the table."""
         return PROCESSES[self.kind]
 
     def law(self, counts: Any) -> Float[Array, " m"]:
-        """Allan variance of one unit of its square."""
+        """Allan variance for a square coefficient of one."""
         return self.process.law(np.asarray(counts, dtype=float), self.rows)
 
 
@@ -98,12 +98,12 @@ def _markov(m: Array, tau: float) -> Array:
     # by its series where the digits cancel: either is good to 1e-10 at x = 1e-3
     near = x**3 * (2.0 / 3.0 - x * (0.5 - x * (7.0 / 30.0 - x / 12.0)))
     rows = np.where(x < 1e-3, near, 2.0 * (x - u) - u**2)
-    return np.asarray(tau**3 / (2.0 * m**2) * rows)
+    return tau**3 / (2.0 * m**2) * rows
 
 
 def _sine(m: Array, period: float) -> Array:
     half = np.pi / period
-    return np.asarray((np.sin(half * m) ** 2 / (m * np.sin(half))) ** 2)
+    return (np.sin(half * m) ** 2 / (m * np.sin(half))) ** 2
 
 
 # R(t + m) - 2 R(t) + R(t - m) of (V1) for t >= 0, but for what is the same, or a line,
@@ -121,19 +121,19 @@ def _flicker_difference(t: Array, m: Array, _: float) -> Array:
     series = 2.0 * np.log(far) + 3.0 - 1.0 / (6.0 * far**2) - 1.0 / (30.0 * far**4)
     near = np.minimum(r, SERIES)
     direct = _log_square(near + 1.0) - 2.0 * _log_square(near) + _log_square(near - 1.0)
-    return np.asarray(m**2 * np.where(r < SERIES, direct, series) / (2.0 * np.pi))
+    return m**2 * np.where(r < SERIES, direct, series) / (2.0 * np.pi)
 
 
 def _log_square(t: Array) -> Array:
     # t^2 ln|t|, 0 at 0
     size = np.abs(t)
-    return np.asarray(t * t * np.log(np.where(size > 0.0, size, 1.0)))
+    return t * t * np.log(np.where(size > 0.0, size, 1.0))
 
 
 def _walk_difference(t: Array, m: Array, _: float) -> Array:
     inside = np.minimum(t, m)  # beyond m the difference of |t|^3 is a line
     cube = inside**2 * (6.0 * m - 2.0 * inside) + 2.0 * m**3 - 6.0 * m**2 * inside
-    return np.asarray((cube + 6.0 * m**2 * t) / 12.0)
+    return (cube + 6.0 * m**2 * t) / 12.0
 
 
 def _rounding_difference(t: Array, m: Array, _: float) -> Array:
@@ -142,16 +142,16 @@ def _rounding_difference(t: Array, m: Array, _: float) -> Array:
 
 def _markov_difference(t: Array, m: Array, tau: float) -> Array:
     def walk(x: Array) -> Array:
-        return np.asarray(x - 0.5 * x * x + np.expm1(-x))
+        return x - 0.5 * x * x + np.expm1(-x)
 
     x, step = t / tau, m / tau
     twice = 2.0 * walk(x) - walk(x + step) - walk(np.abs(x - step))
-    return np.asarray(0.5 * tau**3 * twice)
+    return 0.5 * tau**3 * twice
 
 
 def _ramp_difference(t: Array, m: Array, _: float) -> Array:
     # of t^4/24, whose fourth difference is the d d' of a ramp
-    return np.asarray(0.5 * m**2 * t**2)
+    return 0.5 * m**2 * t**2
 
 
 PROCESSES: Final = {

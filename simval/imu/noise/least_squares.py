@@ -1,4 +1,4 @@
-r"""Squares of the components of noise, by least squares on Allan variances.
+r"""Fit the squares of noise coefficients to Allan variances by least squares.
 
 The Allan variances y of a signal are linear in the squares, :math:`y
 = X \theta`, and their covariance (V4) is a quadratic form in the same numbers. So the
@@ -47,7 +47,7 @@ Z: Final = 1.959963984540054  # of 95 %, both ends together
 
 
 class AllanProblem(NamedTuple):
-    """Allan variances of signals of the same length, and what theory says of them.
+    """Allan variances of signals of equal length, and the laws to fit to them.
 
     Theory is of the same components for all signals, or of others for each.
     """
@@ -60,7 +60,7 @@ class AllanProblem(NamedTuple):
     )
 
     def of(self, signals: NDArray[np.intp]) -> "AllanProblem":
-        """Take some of the signals, each as often as it is named."""
+        """Select signals, some perhaps more than once."""
         if self.law.ndim == 2:
             return AllanProblem(self.variances[signals], self.law, self.forms)
         places = signals if self.places is None else self.places[signals]
@@ -69,14 +69,14 @@ class AllanProblem(NamedTuple):
         )
 
     def part(self, first: int, last: int) -> "AllanProblem":
-        """Take some of the lengths."""
+        """Select a range of averaging lengths."""
         some = slice(first, last)
         forms = self.forms[..., some, some, :, :]
         law = self.law[..., some, :]
         return AllanProblem(self.variances[:, some], law, forms, self.places)
 
     def covariance(self, squares: Float[Array, "s k"]) -> Float[Array, "s m m"]:
-        """Covariance (V4) of each signal with these squares."""
+        """Covariance (V4) of each signal's Allan variances for these squares."""
         if self.places is None:
             return allan_covariance(self.forms, squares)
         made = np.empty((*self.variances.shape, self.variances.shape[1]))
@@ -99,8 +99,8 @@ class Squares(NamedTuple):
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Whether each signal may have these components, and no others."""
-        return np.asarray(self.p_value >= FALSE_ALARM)
+        """True for each signal that these components suffice to explain."""
+        return self.p_value >= FALSE_ALARM
 
 
 class _White(NamedTuple):
@@ -141,7 +141,7 @@ def fitted(problem: AllanProblem) -> Squares:
 def ends(
     problem: AllanProblem, found: Squares, sides: tuple[float, ...] = (-Z, Z)
 ) -> tuple[Float[Array, "s k"], ...]:
-    """Lower and upper ends (V6) of the 95 % intervals of each signal, or one of them.
+    """Ends (V6) of the 95 % intervals of each signal, both or one.
 
     The lower is 0 where the coefficient is not seen, the upper infinite where nothing
     bounds it.
@@ -177,7 +177,7 @@ def ends(
 
 
 def greatest(problem: AllanProblem) -> Float[Array, "s k"]:
-    """Squares that alone would exceed the Allan variances of each signal.
+    """Squares so large that each alone would exceed the Allan variances.
 
     At some length by `FAR` standard deviations of what the square alone would scatter
     by; other noise only adds to it. Where (V6) bounds nothing, this does. It is no
@@ -187,7 +187,7 @@ def greatest(problem: AllanProblem) -> Float[Array, "s k"]:
     share = 1.0 - FAR * alone / problem.law
     with np.errstate(divide="ignore"):
         each = problem.variances[..., None] / (problem.law * np.maximum(share, 0.0))
-    return np.asarray(each.min(axis=1))
+    return each.min(axis=1)
 
 
 def _whitened(
@@ -195,16 +195,16 @@ def _whitened(
 ) -> tuple[_White, Float[Array, " s"]]:
     # and the logarithm of the covariance's determinant
     least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing
-    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), least))
+    scale = np.sqrt(np.maximum(np.linalg.diagonal(covariance), least))
     share = 1.0 / scale
     size, count = problem.law.shape[-2:]
     # below the covariance the law and the variances: so they are below its factor,
-    # divided by it, whatever is beside them
+    # divided by it, whatever other components there are
     whole = np.zeros((len(scale), size + count + 1, size + count + 1))
     near, rows = whole[:, :size, :size], whole[:, size:, :size]
     np.multiply(covariance, share[:, :, None], out=near)
     near *= share[:, None, :]
-    rows[:, :-1] = np.swapaxes(problem.law, -1, -2) * share[:, None, :]
+    rows[:, :-1] = problem.law.mT * share[:, None, :]
     rows[:, -1] = problem.variances * share
     diagonal = np.einsum("sii->si", whole)
     diagonal[:, :size] += RIDGE
@@ -214,11 +214,11 @@ def _whitened(
     except np.linalg.LinAlgError:  # a ramp alone, whose V is known to 1e-3 only
         level, turn = np.linalg.eigh(near)
         level = np.maximum(level, RIDGE)[:, None, :]
-        near[:] = (turn * level) @ np.swapaxes(turn, 1, 2)
+        near[:] = (turn * level) @ turn.mT
         factor = np.linalg.cholesky(whole)
-    own = np.diagonal(factor, axis1=1, axis2=2)[:, :size] * scale
+    own = np.linalg.diagonal(factor)[:, :size] * scale
     log_volume = 2.0 * np.sum(np.log(own), axis=1)
-    return _turned(np.swapaxes(factor[:, size:, :size], 1, 2)), log_volume
+    return _turned(factor[:, size:, :size].mT), log_volume
 
 
 def _turned(both: Float[Array, "s m k1"]) -> _White:
@@ -231,7 +231,7 @@ def _times(
     matrices: Float[Array, "s m k"], vectors: Float[Array, "s k"]
 ) -> Float[Array, "s m"]:
     # each matrix times its vector
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+    return (matrices @ vectors[..., None])[..., 0]
 
 
 def _free(
@@ -268,7 +268,7 @@ def _nonnegative(whitened: _White, free: Float[Array, "s k"]) -> Float[Array, "s
         values = np.zeros((len(left), len(some)))
         both = np.concatenate([X[..., some], y[..., None]], axis=2)
         values[:, some] = _free(_turned(both))[0]
-        columns = np.swapaxes(X, 1, 2)
+        columns = X.mT
         slope = _times(columns, y - _times(X, values))
         size = _lengths(columns) * _lengths(y)[:, None]
         good = np.where(some, values > 0.0, slope <= _FLAT * size).all(axis=1)
@@ -282,12 +282,12 @@ def _with_end(
 ) -> Float[Array, "s k"]:
     # the other coefficients' best, where one has a given value
     law, target = at_fit
-    columns = np.swapaxes(law, 1, 2)
+    columns = law.mT
     own = place[:, None] == np.arange(law.shape[2])
     others = columns[~own].reshape(len(law), -1, law.shape[1])
     rest = target - value[:, None] * columns[own]
     both = np.concatenate([others, rest[:, None]], axis=1)
-    whitened = _turned(np.swapaxes(both, 1, 2))
+    whitened = _turned(both.mT)
     there = np.where(own, value[:, None], 0.0)
     there[~own] = _nonnegative(whitened, _free(whitened)[0]).ravel()
     return there

@@ -114,7 +114,7 @@ ENTRIES = {
 
 
 def sign_notes(model: Model) -> list[str]:
-    """Say which parameters are minus the entry of T that is printed."""
+    """Say which parameters have the opposite sign of the printed entry of T."""
     return [
         f"parameters[{place}], {names(model)[place]}, is -{entry}"
         for place, (entry, sign) in enumerate(entries(model))
@@ -244,7 +244,7 @@ def _square_root(gram: Float[Array, "... 3 3"]) -> Float[Array, "... 3 3"]:
     values, vectors = np.linalg.eigh(np.where(finite, gram, np.eye(3)))
     with np.errstate(invalid="ignore"):
         roots = np.where(finite[..., 0], np.sqrt(values), np.nan)
-    return (vectors * roots[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return (vectors * roots[..., None, :]) @ vectors.mT
 
 
 def gram_derivatives(
@@ -252,8 +252,8 @@ def gram_derivatives(
 ) -> Float[Array, "... 6 3 3"]:
     """Derivatives of A = M'M by the six parameters that it depends on."""
     slopes = matrix_derivatives(model, parameters)
-    half = np.swapaxes(slopes, -1, -2) @ matrix(model, parameters)[..., None, :, :]
-    return half + np.swapaxes(half, -1, -2)
+    half = slopes.mT @ matrix(model, parameters)[..., None, :, :]
+    return half + half.mT
 
 
 def convert(
@@ -263,7 +263,7 @@ def convert(
     source: Model,
     target: Model,
 ) -> tuple[Array, Array | None]:
-    """Carry a calibration, and its covariance, from one form to another.
+    """Convert a calibration, and its covariance, from one form to another.
 
     Exact: the ellipsoid A = M'M and the bias stay the same. The covariance is
     carried by the exact Jacobian at these parameters.
@@ -296,7 +296,7 @@ def convert(
     given = ~np.isnan(parameters).any(axis=-1)  # a refused trial of a batch is NaN
     physical_array("parameters", parameters[given], (9,), GREATEST**2)
     m = matrix(source, parameters)
-    gram = np.swapaxes(m, -1, -2) @ m
+    gram = m.mT @ m
     result = from_gram(target, gram, parameters[..., 6:])
     if not np.isfinite(result[given]).all():
         msg = (
@@ -315,7 +315,7 @@ def convert(
         raise InputError(msg)
     finite_array("covariance", covariance[~np.isnan(covariance)], ())
     jacobian = conversion_jacobian(parameters, result, source=source, target=target)
-    return result, jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+    return result, jacobian @ covariance @ jacobian.mT
 
 
 def conversion_jacobian(
@@ -332,12 +332,8 @@ def conversion_jacobian(
     """
     rows, columns = np.array(_SYMMETRIC).T
     # (..., entry of A, parameter)
-    from_source = np.swapaxes(
-        gram_derivatives(source, parameters)[..., rows, columns], -1, -2
-    )
-    from_target = np.swapaxes(
-        gram_derivatives(target, result)[..., rows, columns], -1, -2
-    )
+    from_source = gram_derivatives(source, parameters)[..., rows, columns].mT
+    from_target = gram_derivatives(target, result)[..., rows, columns].mT
     jacobian = np.zeros((*parameters.shape[:-1], 9, 9)) + np.eye(9)
     jacobian[..., :6, :6] = np.linalg.solve(from_target, from_source)
     return jacobian
@@ -390,7 +386,7 @@ class GyroscopeFactors:
 def gyroscope_factors(
     M: Any, covariance: Any = None, *, form: Factors = "misalignment-scale"
 ) -> GyroscopeFactors:
-    """Write a gyroscope's matrix in another form, covariance carried along.
+    """Write a gyroscope's matrix in another form, with its covariance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""Rests of an accelerometer during which the gyroscope turns: cut, or left out.
+r"""Rests during which the gyroscope turns: the turning part is cut off.
 
 A turn about the vertical leaves an accelerometer as it is. In a rest the mean of a
 gyroscope's readings over `WINDOW` is its bias and noise,
@@ -40,7 +40,7 @@ LEAST = 1e-4  # of the log's rates: a scale is not known to less, a simulated on
 
 
 class Cut(NamedTuple):
-    """A rest in which the gyroscope turns."""
+    """A rest during which the gyroscope turns."""
 
     rest: tuple[int, int]  # rows start <= k < stop
     kept: tuple[int, int] | None  # of these what is still, None of too little
@@ -61,18 +61,18 @@ class _Still(NamedTuple):
 
     def off(self, mean: Array, at: Array) -> Array:
         # of the bias
-        return np.asarray(mean - self.start - at[:, None] * self.slope)
+        return mean - self.start - at[:, None] * self.slope
 
     def limit(self, noise: Array, tries: int, away: Array) -> Array:
         # (D2); noise: of the means, away: ticks to the nearest other rest
         tail = FALSE_ALARM / (6.0 * tries)
         far = np.maximum(away / self.spacing, 1.0)[:, None]
         t = -float(scipy.special.stdtrit(self.freedom, tail))
-        return np.asarray(t * np.sqrt(self.scatter * far + noise))
+        return t * np.sqrt(self.scatter * far + noise)
 
 
 def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
-    """Cut rotating parts off the rests of a log, four or more of them.
+    """Cut off the turning parts of a log's rests, if there are four or more.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
 def _means(samples: Array, size: int) -> Array:
     # of all windows of so many ticks
     total = np.cumsum(np.pad(samples, ((1, 0), (0, 0))), axis=0)
-    return np.asarray((total[size:] - total[:-size]) / size)
+    return (total[size:] - total[:-size]) / size
 
 
 def _part(
@@ -151,7 +151,7 @@ def _part(
 def _away(ticks: Intervals, k: int, at: Array) -> Array:
     # from the nearest middle of another rest
     others = np.delete(ticks.mean(axis=1), k)
-    return np.asarray(np.abs(at[:, None] - others).min(axis=1))
+    return np.abs(at[:, None] - others).min(axis=1)
 
 
 def _still(even: EvenLog, ticks: Intervals) -> _Still:
