@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from simval.account import GRAVITY, Answer, Line, Quantity, Reply, Values
-from simval.change import EFFORT
-from simval.judge.settings import setting_words, varying
+from simval.judge.settings import place_words, settings_of
 from simval.results import Check, Row
 from simval.spelling import (
     counted,
@@ -171,12 +170,12 @@ class Asked:
     def values(self) -> Values:
         """A table of the cells; the parameter with the fewest values goes across."""
         cells = [each.cell for each in self.found]
-        keys = [key for key in varying(cells) if key not in EFFORT]
+        keys = settings_of(cells)
         columns = [len({repr(c.parameters.get(key)) for c in cells}) for key in keys]
         across = keys[columns.index(min(columns))] if len(keys) > 1 else ""
         table: dict[str, dict[str, Quantity]] = {}
         for each in self.found:
-            head = _setting(each.cell, across) if across else "value"
+            head = one_line(place_words(each.cell, [across])) if across else "value"
             label = _place(each.cell, cells, across) or each.cell.study
             value, error = (
                 self.unit.factor * x for x in (each.row.value, each.row.standard_error)
@@ -247,8 +246,8 @@ def _of_question(run: Run) -> Iterator[tuple[Need, Unit | None]]:
     """Quantities of a question of two axes that names none; units of a headline."""
     cells = [cell for cell in run.cells if cell.rows]
     studies = {cell.study for cell in cells}
-    axes = [key for key in varying(cells) if key not in EFFORT]
-    if not run.manifest.get("question") or len(studies) != 1 or len(axes) < 2:
+    few = len(studies) != 1 or len(settings_of(cells)) < 2
+    if few or not run.manifest.get("question"):
         return
     (study,) = studies
     headline = STUDIES[study].headline if study in STUDIES else None
@@ -310,16 +309,11 @@ def _asked(
     return Asked(need=need, question=question, unit=unit, found=found, why=why)
 
 
-def _setting(cell: CellResult, key: str) -> str:
-    return one_line(setting_words(cell.study, key, cell.parameters.get(key)))
-
-
 def _place(cell: CellResult, cells: Sequence[CellResult], but: str = "") -> str:
     """Say which parameters distinguish a cell from the others."""
-    keys = [key for key in varying(cells) if key not in (*EFFORT, but)]
-    words = [_setting(cell, key) for key in keys]
-    seeds = {each.seed for each in cells}
-    return ", ".join([*words, *[f"seed {cell.seed}"] * (len(seeds) > 1)])
+    words = one_line(place_words(cell, settings_of(cells, but)))
+    many = len({each.seed for each in cells}) > 1
+    return ", ".join(filter(None, (words, f"seed {cell.seed}" if many else "")))
 
 
 def replies_to(found: Sequence[Asked]) -> list[Reply]:

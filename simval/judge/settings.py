@@ -1,8 +1,9 @@
 """Settings of cells in words: the parameters that differ, with their units."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from simval.change import EFFORT
 from simval.sweep.run import CellResult
 
 
@@ -10,6 +11,11 @@ def varying(cells: Sequence[CellResult]) -> list[str]:
     """Names of the parameters that differ between cells."""
     keys = sorted({key for cell in cells for key in cell.parameters})
     return [k for k in keys if len({repr(c.parameters.get(k)) for c in cells}) > 1]
+
+
+def settings_of(cells: Sequence[CellResult], *without: object) -> list[str]:
+    """Parameters that set cells apart, but for effort and those `without`."""
+    return [key for key in varying(cells) if key not in (*EFFORT, *without)]
 
 
 class Parameter(NamedTuple):
@@ -87,3 +93,9 @@ def setting_words(study: str, key: str, value: object) -> str:
         return f"{number} {name}"
     space = "" if unit == "°" else " "
     return f"{name} {number}{space}{unit}".rstrip()
+
+
+def place_words(cell: CellResult, keys: Iterable[str]) -> str:
+    """Spell the values that a cell has of some parameters."""
+    values = [setting_words(cell.study, key, cell.parameters.get(key)) for key in keys]
+    return ", ".join(values)

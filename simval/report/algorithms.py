@@ -42,7 +42,6 @@ from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import numbers
 from simval.report.table import Column, Kind, Table, tabulated
-from simval.results import CellName
 from simval.spelling import rounded
 from simval.studies.filter import REFERENCE
 from simval.sweep import Run
@@ -129,13 +128,9 @@ def _only(cell: CellResult) -> str:
     return str(cell.parameters.get("scenario") or "all")
 
 
-def answer_of(cells: Iterable[CellResult], verdicts: Iterable[Verdict]) -> str:
+def answer_of(cells: Sequence[CellResult], verdicts: Iterable[Verdict]) -> str:
     """Worst answer for the cells of an algorithm, or how one without a result ended."""
-    names: set[CellName] = set()
-    endings = set()
-    for cell in cells:
-        names.add(cell.named)
-        endings.add(cell.ending)
+    names, endings = {cell.named for cell in cells}, {cell.ending for cell in cells}
     answers = {v.answer for v in verdicts if v.cell in names}
     return next((word for word in ENDINGS if word in endings | answers), "")
 
@@ -160,14 +155,10 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         f"{MAX_SETTINGS} of {many} settings" if many > MAX_SETTINGS else "each setting"
     )
 
-    def timed(name: str, what: str) -> float | None:
+    def timed(name: str, what: str, factor: float = 1.0) -> float | None:
         """Median over the cells of an algorithm."""
         found = [times[c.name][what] for c in contest.of(name) if c.name in times]
-        return float(np.median(found)) if found else None
-
-    def milliseconds(name: str) -> float | None:
-        seconds = timed(name, "seconds")
-        return None if seconds is None else 1e3 * seconds
+        return factor * float(np.median(found)) if found else None
 
     def operations(name: str) -> float | None:
         rows = [row for c in contest.of(name) for row in of_family(c, stat.OPERATIONS)]
@@ -191,7 +182,7 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         Column("NEES", "measured", shown="NEES over its mean"): lambda n: worst(
             n, honesty, lambda ratio: abs(ratio.value - 1.0)
         ),
-        Column("call, ms", "number", 3): milliseconds,
+        Column("call, ms", "number", 3): lambda n: timed(n, "seconds", 1e3),
         Column("× built-in", "number", 3): lambda n: timed(n, "ratio"),
     }
     counted = ""

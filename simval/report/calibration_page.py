@@ -21,7 +21,7 @@ from simval.report.log_page import (
     render_log,
     signal,
 )
-from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
+from simval.report.panels import COLOURS, Drawing, Series, half_spheres
 from simval.report.section import Section, made
 from simval.shapes import Float
 
@@ -212,15 +212,7 @@ def _coverage(log: Log, result: LogCalibration) -> Drawing:
             "both half spheres; rings at 30, 60 and 90 degrees. The diamond is where "
             "a further pose would lower the total variance most."
         ),
-        panels=[
-            SpherePanel(
-                title=title,
-                directions=directions,
-                sign=sign,
-                wanted=result.next_direction[None],
-            )
-            for title, sign in (("z up", 1.0), ("z down", -1.0))
-        ],
+        panels=half_spheres(directions, wanted=result.next_direction[None]),
     )
 
 

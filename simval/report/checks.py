@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from simval.change import EFFORT
 from simval.figures import Figure
 from simval.judge.findings import reproduce
-from simval.judge.settings import axis_words, varying
+from simval.judge.settings import settings_of
 from simval.report.curves import (
     HEIGHT,
     PREFERRED,
-    Measured,
     axis_of,
-    curve,
     described,
     grouped,
     limits,
@@ -25,14 +22,13 @@ from simval.report.curves import (
 from simval.report.findings import Claim, claiming
 from simval.report.formatting import sign_of_entries, spelled
 from simval.report.gallery import drawn, panels_of
-from simval.report.panels import GREY, Drawing, Panel, Series, near
+from simval.report.panels import Drawing, Panel, near
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table, tabulated
 from simval.results import CellName, Row
 from simval.statistics import NEES_AT, RMS_OVER_BOUND_AT, Statistic
 from simval.studies import STUDIES
 from simval.sweep import Run
-from simval.sweep.run import CellResult
 from simval.verdict import WORST_FIRST, Verdict, shares
 
 # ---- figures of failing checks
@@ -151,9 +147,6 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
         name=name, rows=[what], by=predictor, along=axis, value="value", log_x=None,
         log_y=False, theory=predictor or "prediction", caption="",
     )  # fmt: skip
-    panels = [*panels_of(figure, {f"{spelled(study)}, {what}": members})]
-    if verdict.row.standard_error > 0.0:
-        panels.append(_distances(members, axis, verdict.row))
     against = f" against {predictor}" if predictor else ""
     drawing = Drawing(
         name=name,
@@ -162,7 +155,7 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
             f"{what}{against}, first failing in "
             f"{described(study, failed.parameters)}: {verdict.reason}."
         ),
-        panels=panels,
+        panels=[*panels_of(figure, {f"{spelled(study)}, {what}": members})],
     )
     theory = predictor or "its prediction"
     claim = Claim(
@@ -170,40 +163,6 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     )
     # of a limit what the gate says
     return claiming(drawing, claim) if claim.found.off else drawing
-
-
-def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
-    """Plot distances from the prediction in standard errors, with the remainder."""
-
-    def measure(cell: CellResult) -> Measured | None:
-        here = cell.row(row.statistic, row.predictor)
-        if here is None or here.prediction is None or not here.standard_error > 0.0:
-            return None
-        distance = (here.value - here.prediction) / here.standard_error
-        allowed = here.remainder / here.standard_error
-        words = ("standard errors", "allowed remainder")
-        return Measured(distance, 1.0, allowed, 0.0, here.n, *words)
-
-    c = curve("difference", cells, axis, measure)
-    series: list[Series] = []
-    if c is not None:
-        allowed = Series(
-            label="allowed remainder",
-            x=c.x,
-            y=np.zeros(len(c.x)),
-            band=c.prediction,
-            colour=GREY,
-            line="-",
-        )
-        series = [allowed, c.points(1.0)]
-    return Panel(
-        title="distance from the prediction",
-        x_label=axis_words(cells[0].study, axis),
-        y_label="standard errors",
-        series=series,
-        log_x=c is not None and bool(np.all(c.x > 0.0)),
-        log_y=False,
-    )
 
 
 # ---- all checks
@@ -326,7 +285,7 @@ def _outside(rows: Sequence[tuple[CellName, Row]]) -> list[Table]:
 def _places(run: Run) -> dict[CellName, tuple[Any, ...]]:
     """Noise, poses, and whatever else varies, for each cell."""
     keys = {
-        study: [key for key in varying(run.of(study)) if key not in EFFORT]
+        study: settings_of(run.of(study))
         for study in {cell.study for cell in run.cells}
     }
     many = len({cell.seed for cell in run.cells}) > 1

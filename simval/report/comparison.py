@@ -87,8 +87,10 @@ def comparison_sections(
             environment=comparison.environment,
             only_a=comparison.only_a[:SHOWN],
             only_b=comparison.only_b[:SHOWN],
-            hidden=max(0, len(comparison.only_a) - SHOWN)
-            + max(0, len(comparison.only_b) - SHOWN),
+            hidden=sum(
+                max(0, len(only) - SHOWN)
+                for only in (comparison.only_a, comparison.only_b)
+            ),
             names=(a.folder.name, b.folder.name),
         ).under("dependencies", "What the runs depend on"),
     )

@@ -22,7 +22,7 @@ import scipy
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
-from simval.judge.settings import setting_words, varying
+from simval.judge.settings import place_words, setting_words, settings_of
 from simval.report.formatting import spelled
 from simval.report.panels import (
     BOUND,
@@ -55,7 +55,6 @@ class Measured(NamedTuple):
     remainder: float = 0.0  # what the prediction itself may be off by
     n: int = 0  # independent samples; 0 where there are none
     unit: str = ""  # of the numbers
-    against: str = "predicted"  # what the prediction is
 
 
 def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
@@ -68,20 +67,17 @@ def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
     if isfinite(found.prediction):
         off = factor * found.remainder
         more = f", which leaves out {number(off, 2)}" if off > 0.0 else ""
-        words = f"{found.against} {number(factor * found.prediction)}{behind}"
-        lines.append(words + more)
+        lines.append(f"predicted {number(factor * found.prediction)}{behind}{more}")
     inside = described(cell.study, cell.parameters)
     lines.append(": ".join(filter(None, (spelled(cell.study), inside))))
     lines.append(reproduce(cell.named, cell.run))
     return "\n".join(line for line in lines if line)
 
 
-def described(
-    study: str, parameters: Mapping[str, Any], without: tuple[str, ...] = EFFORT
-) -> str:
+def described(study: str, parameters: Mapping[str, Any]) -> str:
     """Spell the parameters of a cell."""
-    shown = (item for item in parameters.items() if item[0] not in without)
-    return ", ".join(setting_words(study, key, value) for key, value in shown)
+    shown = (each for each in parameters.items() if each[0] not in EFFORT)
+    return ", ".join(setting_words(study, *each) for each in shown)
 
 
 # ---- slopes
@@ -212,10 +208,10 @@ class Curve:
         )
 
     @np.errstate(over="ignore")  # what overflows is not drawn
-    def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
+    def points(self, z: float, place: int = 0) -> Series:
         """The measured points, with bands."""
         return Series(
-            label=self.label if label is None else label,
+            label=self.label,
             x=self.x,
             y=self.value,
             band=z * self.error,
@@ -241,14 +237,14 @@ def curve(
     label: str,
     cells: Iterable[CellResult],
     axis: str,
-    measure: Callable[[CellResult], Row | Measured | None],
+    row_of: Callable[[CellResult], Row | None],
 ) -> Curve | None:
     """A statistic of some cells, sorted along an axis; None if no cell has it."""
     found = [
-        (place, cell, read(each) if isinstance(each, Row) else each)
+        (place, cell, read(row))
         for cell in cells
         if (place := position(cell, axis)) is not None
-        if (each := measure(cell)) is not None
+        if (row := row_of(cell)) is not None
     ]
     return along_axis(label, found) if found else None
 
@@ -326,14 +322,10 @@ def grouped(
     cells: Sequence[CellResult], *axes: str
 ) -> Mapping[str, tuple[CellResult, ...]]:
     """Group cells that differ only along some axes."""
-    skipped = {*axes, *EFFORT}
-    keys = [k for k in varying(cells) if k not in skipped]
+    keys = settings_of(cells, *axes)
     groups: dict[str, list[CellResult]] = {}
     for cell in cells:
-        label = ", ".join(
-            setting_words(cell.study, key, cell.parameters.get(key)) for key in keys
-        )
-        groups.setdefault(label, []).append(cell)
+        groups.setdefault(place_words(cell, keys), []).append(cell)
     return {label: tuple(members) for label, members in groups.items()}
 
 
@@ -347,14 +339,12 @@ def first(
 
 def axis_of(cells: Sequence[CellResult]) -> str:
     """Parameter along which the curves of a study run."""
-    keys = [key for key in varying(cells) if _numeric(cells, key)]
-    every = {key for cell in cells for key in cell.parameters}
-    fixed = sorted(key for key in every if _numeric(cells, key))
-    ranked = sorted(
-        (key for key in keys if key not in EFFORT),
-        key=lambda key: PREFERRED.index(key) if key in PREFERRED else len(PREFERRED),
-    )
-    return next(iter([*ranked, *(k for k in PREFERRED if k in fixed), *fixed]), "")
+    every = sorted({key for cell in cells for key in cell.parameters})
+    for keys in (settings_of(cells), every):  # of one place all do not vary
+        numbers = [key for key in keys if _numeric(cells, key)]
+        if numbers:
+            return next((key for key in PREFERRED if key in numbers), numbers[0])
+    return ""
 
 
 def _numeric(cells: Sequence[CellResult], key: str) -> bool:

@@ -16,8 +16,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.change import EFFORT
-from simval.judge.settings import setting_words, varying
+from simval.judge.settings import place_words, settings_of
 from simval.report.curves import SEEN, Z95, Curve, Slope, ratio, read, simultaneous
 from simval.report.formatting import spelled
 from simval.report.panels import Drawing
@@ -223,10 +222,10 @@ def places(cells: Sequence[CellResult]) -> dict[str, str]:
     return {
         cell.name: ", ".join(
             [spelled(study)] * (len(studies) > 1)
-            + [setting_words(study, key, cell.parameters.get(key)) for key in keys]
+            + [place_words(cell, keys)] * bool(keys)
         )
         for study, own in studies.items()
-        for keys in [[key for key in varying(own) if key not in EFFORT]]
+        for keys in [settings_of(own)]
         for cell in own
     }
 

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simval.change import EFFORT
 from simval.figures import (
     VARYING,
     Figure,
+    Label,
     Picture,
     belongs,
     entries,
 )
-from simval.judge.settings import axis_words, setting_words, varying
+from simval.judge.settings import axis_words, place_words, settings_of
 from simval.report import panels
 from simval.report.curves import (
     MAX_GROUPS,
@@ -249,21 +249,26 @@ def _panels(figure: Figure, groups: Mapping[str, Cells]) -> list[AnyPanel]:
     """Panels of a figure."""
     if figure.along == "":
         return _bars(figure, groups)
-    points = [
-        Point(
-            panel=label if figure.panels is None else figure.panels(row),
-            line=", ".join(filter(None, (line_of(figure, row, cell), own_label))),
-            x=place,
-            cell=cell,
-            row=row,
-        )
+    parts = [
+        points_of(figure, cells, partial(_constant, label))
+        if figure.panels is None
+        else points_of(figure, cells, figure.panels, label)
         for label, cells in groups.items()
-        for own_label in ["" if figure.panels is None else label]
+    ]
+    return _lines(figure, [*chain(*parts)])
+
+
+def points_of(
+    figure: Figure, cells: Cells, panel: Label, label: str = ""
+) -> list[Point]:
+    """Rows of a group of cells at their places."""
+    return [
+        Point(panel(row), ", ".join(filter(None, (line, label))), place, cell, row)
         for cell in cells
         for row in rows_of(figure, cell)
         if (place := place_of(figure, row, cell)) is not None
+        for line in [line_of(figure, row, cell)]
     ]
-    return _lines(figure, points)
 
 
 def _bars(figure: Figure, groups: Mapping[str, Cells]) -> list[AnyPanel]:
@@ -509,5 +514,4 @@ def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, s
 
 def where_of(cell: CellResult, cells: Cells, without: object = None) -> str:
     """Spell the parameters that distinguish a cell from the others of its study."""
-    keys = [key for key in varying(cells) if key not in (*EFFORT, without)]
-    return ", ".join(setting_words(cell.study, k, cell.parameters.get(k)) for k in keys)
+    return place_words(cell, settings_of(cells, without))

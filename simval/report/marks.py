@@ -404,7 +404,8 @@ def _up(panel: Panel) -> Axis:
         low, high = panel.limits
         *_, far = even_ticks(0.0, 0.9 * (high - 1.0), 3)
         if 1.0 - low > far:
-            ticks = [(x, f"{x:g}") for x in (1.0 - far, 1.0 + far)]
+            places = 1.0 - far, 1.0 + far
+            ticks = [*zip(places, decimals(places), strict=True)]
     return Axis(low=low, high=high, log=panel.log_y, label=panel.y_label, ticks=ticks)
 
 

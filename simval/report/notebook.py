@@ -1,11 +1,13 @@
 """Plots for a notebook by Matplotlib, and a run as a table."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from simval.account import Account, Line, Quantity, Values
+from simval.account.html import fragment
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.extras import refuse_without
@@ -14,6 +16,7 @@ from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.report.curves import axis_of, curve, grouped
 from simval.results import Row
+from simval.spelling import counted
 from simval.sweep import Run
 from simval.text import did_you_mean
 
@@ -177,31 +180,21 @@ def _rows(run: Run, statistic: str) -> dict[str, Row]:
 
 def run_html(run: Run) -> str:
     """Table of a run's studies with the number of cells by result."""
-    studies: dict[str, dict[str, int]] = {}
+    studies: dict[str, Counter[str]] = {}
     for cell in run.cells:
-        endings = studies.setdefault(cell.study, {})
-        endings[cell.ending] = endings.get(cell.ending, 0) + 1
-    rows = [
-        (
-            study,
-            sum(endings.values()),
-            ", ".join(f"{n} {k}" for k, n in endings.items()),
-        )
+        studies.setdefault(cell.study, Counter())[cell.ending] += 1
+    lines = [
+        Line(label=study, unit="", cells=[Quantity("cells", None, missing=words)])
         for study, endings in studies.items()
+        for words in [", ".join(f"{n} {ending}" for ending, n in endings.items())]
     ]
-    return _table(("study", "cells", "ended"), rows, str(run))
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]], caption: str) -> str:
-    def line(tag: str, cells: Sequence[Any]) -> str:
-        inside = "".join(f"<{tag}>{escape(str(x))}</{tag}>" for x in cells)
-        return f"<tr>{inside}</tr>"
-
-    body = "".join(line("td", row) for row in rows)
-    return (
-        f"<table><caption>{escape(caption)}</caption>"
-        f"<thead>{line('th', head)}</thead><tbody>{body}</tbody></table>"
+    account = Account(
+        title="Run",
+        source=run.folder.name,
+        said=f"{counted(len(run.cells), 'cell')} of suite {run.manifest['suite']}.",
+        values=[Values(title="Cells of each study", lines=lines)],
     )
+    return fragment(account)
 
 
 def _figure(panels: int) -> Any:

@@ -226,9 +226,9 @@ def context_of(
     )
 
 
-def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
+def sections(run: Run) -> tuple[Section, ...]:
     """Make the sections of the page."""
-    return _sections(context_of(run, alpha))
+    return _sections(context_of(run))
 
 
 def _sections(context: Context) -> tuple[Section, ...]:
@@ -251,15 +251,7 @@ def _sections(context: Context) -> tuple[Section, ...]:
 
 def _unfolded(page: str) -> str:
     """The page with every fold open."""
-
-    def opened(match: re.Match[str]) -> str:
-        return (
-            match[0]
-            if " open" in (match[1] or "")
-            else f"<details{match[1] or ''} open>"
-        )
-
-    return re.sub(r"<details( [^>]*)?>", opened, page)
+    return re.sub(r"<details(?![^>]* open)([^>]*)>", r"<details\1 open>", page)
 
 
 def _require_parameters(run: Run) -> None:

@@ -486,22 +486,13 @@ def root(drawing: Drawing) -> str:
 
 def shown(drawing: Drawing) -> tuple[Plan, list[str]]:
     """The ``svg`` elements that a page sets side by side, with their legends."""
-    plan = planned(drawing)
-    if len(plan.parts) == 1:
-        return plan, [
-            _svg([(0.0, 0.0, plan.parts[0])], plan, root(drawing), drawing.alternative)
-        ]
-    return plan, [
-        _svg(
-            [(0.0, 0.0, part)], plan, f"{root(drawing)}-{i}", told(part.sheets[0].panel)
-        )
-        for i, part in enumerate(plan.parts, 1)
-    ]
-
-
-def svg(drawing: Drawing) -> str:
-    """The ``svg`` elements of a figure on a page."""
-    return "".join(shown(drawing)[1])
+    plan, found = planned(drawing), []
+    alone = len(plan.parts) == 1
+    for i, part in enumerate(plan.parts, 1):
+        name = root(drawing) if alone else f"{root(drawing)}-{i}"
+        words = drawing.alternative if alone else told(part.sheets[0].panel)
+        found.append(_svg([(0.0, 0.0, part)], plan, name, words))
+    return plan, found
 
 
 def svg_file(drawing: Drawing) -> str:

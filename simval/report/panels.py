@@ -117,6 +117,14 @@ class SpherePanel:
     wanted: Float[Array, "m 3"] = field(default_factory=lambda: np.empty((0, 3)))
 
 
+def half_spheres(directions: Float[Array, "n 3"], **more: Any) -> list[SpherePanel]:
+    """Directions in both half spheres."""
+    return [
+        SpherePanel(title=title, directions=directions, sign=sign, **more)
+        for sign, title in ((1.0, "z up"), (-1.0, "z down"))
+    ]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BarPanel:
     """Measured parts of a whole, each beside its prediction."""

@@ -20,7 +20,7 @@ from simval.report.artifacts import arrays, content_of, is_left, listed, shaped
 from simval.report.calibration_page import widest_gap
 from simval.report.curves import MAX_GROUPS
 from simval.report.formatting import slug
-from simval.report.panels import COLOURS, Drawing, SpherePanel, shade
+from simval.report.panels import COLOURS, Drawing, half_spheres, shade
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import shown_of
 from simval.shapes import Float
@@ -128,10 +128,7 @@ def _map(
             "circles at 30, 60 and 90 degrees from the pole."
         ),
         alternative=f"{name}: {count} pose directions on the two half spheres",
-        panels=[
-            SpherePanel(title=title, directions=directions, sign=sign)
-            for sign, title in ((1.0, "z up"), (-1.0, "z down"))
-        ],
+        panels=half_spheres(directions),
     )
 
 

@@ -12,7 +12,8 @@ noise levels, geometries or seeds. The verdict stays that of all cells.
 import hashlib
 import re
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
@@ -114,7 +115,7 @@ LARGE = 100_000
 ROWS = LARGE // 2
 """Rows of a large run that a page is made of."""
 
-Axes = Mapping[str, Sequence[str]]
+Axes = Mapping[str, Collection[str]]
 """Values of each parameter of a study, spelled, in the order in which they come."""
 
 
@@ -133,7 +134,7 @@ def part_of(run: Run) -> Part:
     rows = sum(len(cell.rows) for cell in cells)
     if rows <= LARGE:
         return Part(run=run)
-    grids, counts = _grids(cells)
+    grids, counts = _grids(cells), Counter(cell.study for cell in cells)
     room = ROWS * len(cells) // rows // max(len(grids), 1)
     kept = {study: thinned(axes, counts[study], room) for study, axes in grids.items()}
     places = [
@@ -164,20 +165,14 @@ def thinned(axes: Axes, count: int, room: int) -> dict[str, frozenset[str]]:
     return {key: frozenset(values) for key, values in kept.items()}
 
 
-def _grids(cells: Sequence[CellResult]) -> tuple[dict[str, Axes], dict[str, int]]:
-    """The axes of each study, and the number of its cells."""
+def _grids(cells: Sequence[CellResult]) -> Mapping[str, Axes]:
+    """The axes of each study."""
     found: dict[str, dict[str, dict[str, None]]] = {}
-    counts: dict[str, int] = {}
     for cell in cells:
-        counts[cell.study] = counts.get(cell.study, 0) + 1
         own = found.setdefault(cell.study, {})
         for key, value in _values(cell):
             own.setdefault(key, {})[value] = None
-    axes = {
-        study: {key: list(values) for key, values in own.items()}
-        for study, own in found.items()
-    }
-    return dict(axes), counts
+    return found
 
 
 def _values(cell: CellResult) -> list[tuple[str, str]]:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from simval.change import EFFORT
 from simval.figures import (
     VARYING,
     Artifact,
@@ -23,21 +22,18 @@ from simval.figures import (
     predictor,
     words,
 )
-from simval.judge.settings import axis_words, varying
+from simval.judge.settings import axis_words, settings_of, varying
 from simval.report.artifacts import drawn_artifacts
 from simval.report.curves import fitted_slope, order
 from simval.report.findings import Claim, behind, claiming, slopes_said
 from simval.report.formatting import slug, spelled
 from simval.report.gallery import (
     Cells,
-    Point,
     curves_of,
     drawn,
     groups_of,
-    line_of,
     panels_of,
-    place_of,
-    rows_of,
+    points_of,
     settled,
     with_unit,
 )
@@ -71,13 +67,7 @@ def slopes_of(figure: Figure, cells: Cells) -> list[tuple[Any, ...]]:
     rows: list[tuple[Any, ...]] = []
     figure, cells = settled(figure, cells)
     for label, own in groups_of(figure, cells).items() if figure.slope else ():
-        points = [
-            Point(words(row), line_of(figure, row, cell), place, cell, row)
-            for cell in own
-            for row in rows_of(figure, cell)
-            if (place := place_of(figure, row, cell)) is not None
-        ]
-        for what, curves in curves_of(figure, points).items():
+        for what, curves in curves_of(figure, points_of(figure, own, words)).items():
             for c in curves:
                 leading = figure.slope
                 if isinstance(leading, Mapping):
@@ -125,7 +115,7 @@ def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
 def listed(listing: Listing, cells: Cells) -> list[Table]:
     """Table of rows, with a line for each cell and key; none without rows."""
     cells = [c for c in cells if listing.where(c.parameters)]
-    varied = [key for key in varying(cells) if key not in EFFORT]
+    varied = settings_of(cells)
     parameters = [*dict.fromkeys((*listing.parameters, *varied))]
     parameters += ["seed"] if len({cell.seed for cell in cells}) > 1 else []
     lines: dict[tuple[Any, ...], dict[str, Row]] = {}

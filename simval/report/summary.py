@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simval.change import EFFORT
 from simval.figures import Figure, Headline, Quote
 from simval.judge import needs
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
@@ -30,7 +29,7 @@ from simval.judge.gate import outcome
 from simval.judge.needs import distance, headline_rows, replies_to
 from simval.judge.result_lines import gate_account
 from simval.judge.runs import origin_of
-from simval.judge.settings import setting_words, varying
+from simval.judge.settings import place_words, settings_of, varying
 from simval.report.algorithms import has_user_code, lines_of_algorithms
 from simval.report.answers import (
     Number,
@@ -180,12 +179,11 @@ def typical(cells: Sequence[CellResult], *, poses: bool = True) -> Sequence[Cell
 
 def where(cell: CellResult, cells: Sequence[CellResult], n: int) -> str:
     """Words that identify a cell within its study."""
-    values = cell.parameters
     skipped = ("samples", "trials")
-    shown = [key for key in (*NOISES, "poses") if values.get(key)]
+    shown = [key for key in (*NOISES, "poses") if cell.parameters.get(key)]
     shown += [key for key in varying(cells) if key not in (*NOISES, "poses", *skipped)]
-    words = [setting_words(cell.study, key, values.get(key)) for key in shown]
-    return ", ".join([*words, f"{n:,} trials"] if n > 1 else words)
+    words = place_words(cell, shown), f"{n:,} trials" if n > 1 else ""
+    return ", ".join(filter(None, words))
 
 
 # ---- a suite with a question
@@ -200,7 +198,7 @@ def axes_of_question(cells: Sequence[CellResult]) -> tuple[str, ...]:
     """Parameters that the run's question is about, the figure's axis first."""
     if len({cell.study for cell in cells}) != 1:
         return ()
-    keys = [key for key in varying(cells) if key not in (*EFFORT, *NOISES)]
+    keys = settings_of(cells, *NOISES)
     counts = {
         key: len({cell.parameters.get(key) for cell in cells})
         for key in keys

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from simval.report.paint import svg
+from simval.report.paint import shown
 from simval.report.panels import MANY, BarPanel, DotPanel, Panel
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -20,6 +20,11 @@ OFF = 0.5
 FOOT = 3.6  # of a label below its middle
 REACH = 4.4  # of the cut beyond the axes
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+
+
+def svg(drawing):
+    """The ``svg`` elements of a figure on a page."""
+    return "".join(shown(drawing)[1])
 
 
 def number(words):

@@ -11,6 +11,7 @@ import pytest
 import rows_by_name
 import small_runs
 from matplotlib.colors import to_rgb
+from read_back import svg
 from rounding import EPS
 from rows_by_name import cell
 
@@ -44,7 +45,6 @@ from simval.report.findings import (
     slopes_said,
 )
 from simval.report.marks import framed
-from simval.report.paint import svg
 from simval.report.panels import DotPanel, Drawing, Panel, Series
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.results import CellName

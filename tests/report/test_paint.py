@@ -10,7 +10,7 @@ import pytest
 from matplotlib.font_manager import FontProperties
 from matplotlib.image import imread
 from matplotlib.textpath import TextToPath
-from read_back import REACH, not_numbers, off_datum
+from read_back import REACH, not_numbers, off_datum, svg
 
 from simval.report.marks import (
     MARGIN,
@@ -23,7 +23,7 @@ from simval.report.marks import (
     percent,
     spelled,
 )
-from simval.report.paint import UP, broken, png, shown, svg, svg_file
+from simval.report.paint import UP, broken, png, shown, svg_file
 from simval.report.panels import (
     COLOURS,
     GREY,

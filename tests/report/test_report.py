@@ -12,13 +12,13 @@ from xml.etree import ElementTree
 
 import pytest
 from places import ROOT
+from read_back import svg
 from snapshots import same
 from stores import edited, edited_run
 
 from simval.judge import judge_run
 from simval.report import drawings, render, tables
 from simval.report.page import sections
-from simval.report.paint import svg
 from simval.report.record import command, suite_text
 from simval.report.section import folder_of, located
 from simval.sweep import load_run, load_suite

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from read_back import not_numbers, off_datum
+from read_back import not_numbers, off_datum, svg
 from small_runs import cell_of, run_of
 
 from simval.errors import InputError
@@ -18,7 +18,6 @@ from simval.report import drawings, render, tables
 from simval.report.artifacts import drawn_artifacts
 from simval.report.formatting import FORMULAS
 from simval.report.page import context_of, sections
-from simval.report.paint import svg
 from simval.report.study_sections import elsewhere, shown_of
 from simval.statistics import EXACT, FIRST_ORDER, SECOND_ORDER
 from simval.studies import STUDIES

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import small_runs
+from read_back import svg
 from side_by_side import cell, estimator_rows, league, run_of
 
 from simval.judge import compare_algorithms, judge_run
@@ -22,7 +23,6 @@ from simval.report.algorithms import (
     side_by_side,
 )
 from simval.report.page import sections
-from simval.report.paint import svg
 from simval.report.section import Context
 from simval.report.table import csv_text, text
 from simval.results import unjudged
