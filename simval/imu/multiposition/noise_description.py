@@ -303,8 +303,7 @@ def _greatest(sensor: SensorNoise, kind: str) -> str:
     size = max((c.high if c.value is None else c.value for c in found), key=abs)
     if not np.isfinite(size):
         return ""
-    seen = any(c.value is not None and c.value == size for c in found)
-    below = "" if seen else "below "
+    below = "" if any(c.value == size for c in found) else "below "
     return f"{below}{rounded(unit.factor * size, 3)} {unit.name}"
 
 
@@ -448,7 +447,6 @@ def _table(
         if found is None:
             rows.append((letter, "-" if axis.coefficients else "no model"))
             continue
-        seen = found.value is not None
         size = scale * (found.high if found.value is None else found.value)
         if found.low > 0.0 and not np.isfinite(size):  # of a correlation time
             rows.append((letter, f">{found.low:.4g}", "-"))
@@ -456,7 +454,7 @@ def _table(
         if not np.isfinite(size):
             rows.append((letter, "-", "-", " not seen, and not bounded either"))
             continue
-        mark = "" if seen else "<"
+        mark = "<" if found.value is None else ""
         ends = interval_words(scale * found.low, scale * found.high, 4)
         sd = f"{scale * found.sd:.2g}" if found.sd else "-"
         more = (f"{mark}{each.of(size, axis.rate_hz):.4g}" for each in further)
