@@ -79,7 +79,7 @@ weighted_wahba = _own(
 
 
 def _arithmetic(frame: str, *vectors: Any) -> Any:
-    """The code of a block on one column of numbers of any class."""
+    """Apply the package's own formula to one set of vectors of any number type."""
     block = np.array(vectors, dtype=object).reshape(12, 1)
     if frame == "plain":
         raw = kernel.raw_quaternion(block, frame)

@@ -28,7 +28,7 @@ def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
     except TypeError:
         number = least - 1
     if isinstance(value, bool | np.bool_) or not least <= number <= most:
-        # of a count only the slip is told what the most is
+        # a count that is too large by a slip learns the limit
         told = number <= most == MOST
         limit = f"{least} or more" if told else f"from {least} to {most}"
         msg = f"`{name}` is {shown(value)}; it must be a whole number, {limit}"

@@ -69,7 +69,7 @@ TOST_QUANTILE = 1.6448536269514722
 
 
 def question(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a cell, except those that say how much was computed."""
+    """Parameters of a cell, without those that only say how much was computed."""
     return {k: v for k, v in sorted(parameters.items()) if k not in EFFORT}
 
 
@@ -79,7 +79,7 @@ def matched(
     asked: Callable[[A | B], Hashable],
     same: Callable[[A | B], Hashable],
 ) -> tuple[list[tuple[A, B]], list[A], list[B]]:
-    """Pair items of equal `asked`: first those of equal `same`, the rest in order.
+    """Pair items of equal `asked`: those of equal `same` first, the rest in order.
 
     After the pairs come the items that only `old` has and those that only `new` has,
     each in its own order.
@@ -141,7 +141,7 @@ def on_other_noise(
 
 
 def rounding_bound(value: Values, error: Values, remainder: Values) -> Values:
-    """Bound on the change that rounding makes in values on the same noise.
+    """Largest change that rounding alone makes in values with the same noise.
 
     Processors sum in other orders, and what a value is judged to is its standard error
     and the least remainder that a theory allows it; 0 of one that has none.
@@ -154,13 +154,13 @@ def rounding_bound(value: Values, error: Values, remainder: Values) -> Values:
 
 
 def is_near(old: float, new: float, relative: float, least: float = 0.0) -> bool:
-    """True if a number is the old one up to rounding; NaN is not."""
+    """True if a number equals another up to rounding; NaN does not."""
     return abs(new - old) <= max(least, relative * abs(old))
 
 
 @np.errstate(all="ignore")  # what is no number has changed
 def two_sided(difference: Values, error: Values) -> Values:
-    """Probability of so great differences by chance; 0 of one that is no number."""
+    """Probability of a difference at least so great by chance; 0 for NaN."""
     known = np.isfinite(difference) & np.isfinite(error)
     p = 2.0 * scipy.special.ndtr(-np.abs(difference) / error)
     return np.asarray(np.where(known, p, 0.0), dtype=float)

@@ -51,7 +51,7 @@ def rotation_error(
 def heading_and_inclination(
     estimate: Float[Array, "... 4"], truth: Float[Array, "... 4"]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Turn about the world's vertical, signed, and tilt away from it, rad."""
+    """Signed turn about the world's vertical, and tilt away from it, rad."""
     step = compose(estimate, conjugate(truth))  # reference side
     step = step * np.where(step[..., 3:] < 0.0, -1.0, 1.0)
     up, scalar = step[..., 2], step[..., 3]
@@ -76,7 +76,7 @@ def normalised_squares(
 
 
 def mean_of_trials(values: Float[Array, "n k"]) -> tuple[float, float, int]:
-    """Mean over all, its standard error from the means of the trials, and their count.
+    """Mean of all values, its standard error from the trials' means, and their count.
 
     The error is 0 for a single trial, which tells nothing about it.
     """
@@ -89,7 +89,7 @@ def mean_of_trials(values: Float[Array, "n k"]) -> tuple[float, float, int]:
 def pairs_of(
     whitened: Float[Array, "n k m"], before: Float[Array, "n k m"]
 ) -> Float[Array, "n k"]:
-    r"""Square of the sum of whitened neighbours, :math:`|w_j + w_{j-1}|^2 / 2m`.
+    r"""Squared sum of whitened neighbours, :math:`|w_j + w_{j-1}|^2 / 2m`.
 
     Its mean is 1 for white innovations, and 1 and the correlation for others.
     """
@@ -123,12 +123,12 @@ def settled_at(
 
 
 def diverged(angle: Float[Array, "n k"], since: int = 0) -> Float[Array, " n"]:
-    """1 for a trial that ends beyond `LOST`, or is that far off after row `since`."""
+    """1 for a trial whose error exceeds `LOST` at any row from `since` on, else 0."""
     return np.any(angle[:, since:] > LOST, axis=1).astype(float)
 
 
 def instant_scores(squares: Float[Array, "n k"], dimension: int) -> Float[Array, " k"]:
-    """Mean over trials at each instant by its chi-square law, in standard deviations.
+    """Mean over trials at each instant as a score in standard deviations.
 
     The normal quantile of the exact tail: 0 for what is expected, above it for an
     overconfident filter, below it for an underconfident one.
@@ -145,7 +145,7 @@ def instant_scores(squares: Float[Array, "n k"], dimension: int) -> Float[Array,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """Judgement of a filter by the normalised squares of some trials."""
+    """Verdict on a filter by the normalised squares of some trials."""
 
     answer: Consistency
     instants: float  # greatest score of an instant, sign kept

@@ -76,11 +76,11 @@ class SimulationError(RefusedError):
 
 
 class UnmeasurableError(RefusedError):
-    """Legal parameters of a study that leave nothing to measure."""
+    """Valid parameters of a study that leave nothing to measure."""
 
 
 class PluginError(RefusedError):
-    """A plug-in that cannot be loaded, breaks what it declares, or fails.
+    """A plug-in that cannot be loaded, breaks its declaration, or fails.
 
     Parameters
     ----------
@@ -93,15 +93,15 @@ class PluginError(RefusedError):
 
 
 class CrashedPluginError(PluginError):
-    """A plug-in that raised or died, and so has answered nothing."""
+    """A plug-in that raised an exception or died before it answered."""
 
 
 class SlowPluginError(PluginError):
-    """A plug-in, or a program, that did not answer in time: it is slow, or hangs."""
+    """A plug-in or a program that did not answer in time."""
 
 
 class UnusablePluginError(PluginError, InputError):
-    """A plug-in that is not there, or cannot be loaded as it was given."""
+    """A plug-in that does not exist, or cannot be loaded as given."""
 
     exit_code = 2
 

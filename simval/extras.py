@@ -14,7 +14,7 @@ from simval.errors import InputError
 
 
 def refuse_without(extra: str, what: str, otherwise: str = "") -> NoReturn:
-    """Refuse what needs the packages of an extra; `otherwise` is how to do without."""
+    """Refuse what needs an extra's packages; `otherwise` says how to do without."""
     msg = f"{needing(extra, what)}{otherwise}"
     raise InputError(msg) from None
 

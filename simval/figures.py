@@ -32,38 +32,38 @@ def entries(row: Row) -> str:
 
 
 def entry(place: int) -> Label:
-    """One entry of a row."""
+    """A label: the entry at one place of a row's statistic."""
     return lambda row: row.statistic.entries[place]
 
 
 def predictor(row: Row) -> str:
-    """The theory that a row is compared with."""
+    """A label: the theory that a row is compared with."""
     return row.predictor
 
 
 def family_words(row: Row) -> str:
-    """Family of a row."""
+    """A label: the family of a row's statistic, in words."""
     return row.statistic.family.words
 
 
 def words(row: Row) -> str:
-    """Family of a row, and its entries."""
+    """A label: the family of a row's statistic and its entries, in words."""
     return ": ".join((row.statistic.family.words, *row.statistic.entries))
 
 
 def of_calibration(row: Row) -> Unit:
-    """Unit of a parameter of an accelerometer, by the first letter of its entry."""
+    """Unit in which a person reads an accelerometer's parameter, T, K or B."""
     return OF_A_CALIBRATION.get(row.statistic.entries[0][:1], COUNT)
 
 
 def along_entry(row: Row) -> float:
-    """The number along which a row of a family is measured: its last entry."""
+    """The number along which a row is plotted: the last entry of its statistic."""
     return float(row.statistic.entries[-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """Common part of a figure of rows and a figure of an artifact."""
+    """What a figure of rows and a figure of an artifact have in common."""
 
     name: str  # unique on the page; its file name
     caption: str  # what the reader sees below it
@@ -78,8 +78,8 @@ class Picture:
     named: Label | str | None = None  # what the sentence calls a row; None is its line
     # in which a person reads the values; None is that of the rows
     unit: Unit | Callable[[Row], Unit] | None = None
-    # words of the fold that it is behind; with ``{claim}`` what it claims, and
-    # then it is open if that is not so
+    # title of the fold that hides it; ``{claim}`` in it stands for its claim, and the
+    # figure is unfolded if that fails
     fold: str = ""
     section: str = ""  # section of the report, where it is not that of its study
     columns: int = 3  # panels side by side
@@ -87,40 +87,50 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure(Picture):
-    """A figure of rows: points along an axis, or a bar for each row."""
+    """A figure of rows against an axis, or as bars; a study declares it as data.
 
-    # rows that are drawn; of a family all without control variates
+    Each row that `rows` names is a point. Its place is the value of the parameter
+    `along` in its cell; without `along` each row is a bar. Cells that differ in that
+    parameter alone make a line, and `lines` and `panels` divide the rows further.
+    Points are drawn with 95 % intervals that hold for all of a figure together, and
+    predictions as lines with the ratio of both below. The sentence above the figure
+    says whether the rows agree with their predictions; `what` is its subject.
+    """
+
+    # statistics that are drawn; a family means all of its rows, but for those sampled
+    # with control variates
     rows: Sequence[Family | Statistic]
-    # subject of the sentence that says whether the rows are as predicted;
-    # several, with a semicolon between, are about one of the families each
+    # subject of the sentence that says whether the rows are as predicted; several
+    # subjects, with a semicolon between, are about one of the families each
     what: str = ""
     # rows that the sentence is about, where they are not those drawn
     claimed: Sequence[Family | Statistic] = ()
-    by: str | None = None  # their predictor; None takes any
-    # parameter or family of the cell, or number of the row; empty draws bars
+    by: str | None = None  # the theory to compare with; None takes any
+    # parameter of the cell, or function of the row, that is the axis; empty draws bars
     along: str | Callable[[Row], float] = ""
-    # words of both axes, where they are not those of the parameter and the family
+    # names of both axes, where they are not those of the parameter and the family
     axis: str = ""
     value: str = ""
-    # divides the rows; None makes a panel of each group of cells
+    # title of the panel that a row is in; None makes a panel of each group of cells
     panels: Label | None = None
-    # what tells lines or bars of a panel apart: of the rows, or a parameter
+    # name of the line or bar that a row is in, or a parameter that tells lines apart
     lines: Label | str | None = None
-    # whether predictions are drawn and the rows claimed to be at them
+    # whether predictions are drawn, and the sentence compares the rows with them
     compared: bool = True
-    bound: str = ""  # predictor that is dotted below
-    theories: Sequence[str] = ()  # predictors with a line each, where there are several
-    theory: str = "theory"  # what the predictor is called in the sentence
-    level: float | None = None  # height of a line across
-    # of a panel the family whose standard error over its prediction is dotted:
-    # what lies below cannot be seen
+    bound: str = ""  # theory that is a bound, drawn as a dotted line
+    theories: Sequence[str] = ()  # further theories, drawn as a line each
+    theory: str = "theory"  # what the sentence calls the theory
+    level: float | None = None  # height of a level line
+    # by panel, the family whose relative standard error is a dotted line: what lies
+    # below it cannot be seen
     resolved: Mapping[str, Family] = field(default_factory=dict)
-    # family, predictor and words of what the values are told as a share of, where
-    # none of them can be told from zero
+    # family, theory and name of what values are stated as a share of, where none of
+    # them can be distinguished from zero
     scale: tuple[Family, str, str] | None = None
-    # leading order along the axis, or that of each line: gives a table of slopes
+    # theory's leading order along the axis, for all lines or each; adds a table of
+    # fitted slopes
     slope: float | Mapping[str, float] | None = None
-    # parameters of which the cells with the least value alone are drawn
+    # parameters of which only the cells with the least value are drawn
     least: Sequence[str] = ()
     each: bool = False  # whether each group of cells has a figure of its own
     # whether the group of cells with the most places is drawn alone
@@ -129,23 +139,23 @@ class Figure(Picture):
     over: Sequence[str] = ()
     # whether groups of cells with one place on the axis are left out
     several: bool = False
-    # value of the cell that is dotted across, or family of values along the axis
+    # value of a cell drawn as a dotted level, or family of values along the axis
     floor: Statistic | Family | None = None
-    # which cells it is about, by their parameters
+    # which cells are drawn, by their parameters
     where: Callable[[Parameters], bool] = lambda parameters: True
-    # whether an axis is logarithmic; None if its values span more than a decade
+    # whether an axis is logarithmic; None: if its values span more than a decade
     log_x: bool | None = True
     log_y: bool | None = True
-    ratio: bool = True  # whether measured over predicted stands below
-    beside: Sequence["Figure"] = ()  # whose panels stand beside its own
+    ratio: bool = True  # whether measured over predicted is drawn below
+    beside: Sequence["Figure"] = ()  # figures whose panels are drawn beside its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Artifact(Picture):
-    """A figure of the artifact files of cells."""
+    """A figure of the artifact files that cells have left."""
 
     file: Callable[[Parameters], str]  # name of the artifact of a cell's parameters
-    axis: str  # words of the axis
+    axis: str  # name of the axis
     # whether each cell has a figure of its own; else each has panels
     each: bool = False
     # cells that are drawn, evenly from the first to the last; for the page's size
@@ -154,11 +164,11 @@ class Artifact(Picture):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution(Artifact):
-    """The share of values of an artifact that are at most each value."""
+    """Cumulative distributions of the arrays in an artifact."""
 
     # names of the arrays of each line of each panel: ``{panel: {line: name}}``
     arrays: Callable[[Parameters], Mapping[str, Mapping[str, str]]]
-    value: str = "share"  # words of the other axis
+    value: str = "share"  # name of the other axis
     references: Sequence[float] = ()  # shares with a line across
     # lines upright, by what they are
     upright: Mapping[str, float] = field(default_factory=dict)
@@ -166,9 +176,9 @@ class Distribution(Artifact):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
-    """Axes of a trace."""
+    """One pair of axes of a trace."""
 
-    value: str  # words of the other axis
+    value: str  # name of the other axis
     # what is drawn, (n,), or (n, k) of a column for each of `names`; empty draws
     # every array of the artifact with a mark for each value
     array: str = ""
@@ -182,7 +192,7 @@ class Strip:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trace(Artifact):
-    """Arrays of an artifact along time, or along their places."""
+    """Arrays of an artifact over time, or in their order."""
 
     strips: Sequence[Strip]  # one below the other
     along: str = ""  # array of the axis; empty counts the values from 0
@@ -195,7 +205,7 @@ class Listing:
     """A table of rows: a line for each cell and key, a column for each statistic."""
 
     name: str  # unique on the page; its file name
-    caption: str  # what it holds; also the words of its fold
+    caption: str  # what it holds; also the title of its fold
     rows: Sequence[Family | Statistic]  # rows that stand in it
     # title of a column and what of a row stands in it; rows with the same keys
     # are one line
@@ -205,7 +215,7 @@ class Listing:
     parameters: Sequence[str] = ()
     # in which a person reads the values, where it is not that of the rows
     unit: Callable[[Row], Unit | None] = lambda row: None
-    # whether each column has one with its predictions beside it
+    # whether each column is followed by one with its predictions
     predicted: bool = False
     open: bool = False  # whether it stands at once, without a fold
     # subject of a sentence for the fold: that the rows are as predicted
@@ -217,22 +227,21 @@ class Listing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quote:
-    """A number of a sentence: a row's value, or that over its prediction."""
+    """A number in a sentence: the value of a row, or its ratio to the prediction."""
 
-    of: Statistic  # of which row
+    of: Statistic  # statistic of the row
     by: str = ""  # its predictor
-    # in which it is told; None tells it as it is
-    unit: Unit | None = None
-    # whether it is an angle, told in degrees or, if small, in milliradians
+    unit: Unit | None = None  # unit to state it in; None: that of the row
+    # whether it is an angle, stated in degrees or, if small, in milliradians
     angle: bool = False
-    over: bool = False  # whether it is told over its prediction
-    root: bool = False  # whether its root is told, as of a variance
-    times: float = 1.0  # factor before all
+    over: bool = False  # whether its ratio to the prediction is stated
+    root: bool = False  # whether its square root is stated, as of a variance
+    times: float = 1.0  # factor to multiply it by before anything else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """One-sentence summary of a study on the first screen."""
+    """The sentence with which the first screen sums up a study."""
 
     says: str  # with a place for each quote
     # numbers by their places; the first says how great the error of a cell is
@@ -243,6 +252,6 @@ Shown = Figure | Distribution | Trace | Listing
 
 
 def belongs(row: Row, wanted: Sequence[Family | Statistic]) -> bool:
-    """True if a row is of these families, without control variates, or statistics."""
+    """True if a row is of the wanted families (no control variates) or statistics."""
     what = row.statistic
     return what in wanted or (what.family in wanted and not what.controlled)

@@ -36,7 +36,7 @@ _LONG_KEY: Final = re.compile(
 
 
 class UnreadableError(OSError):
-    """A path that is no regular file, or larger than any file of its kind."""
+    """A path that is no regular file, or a file too large to be what it should be."""
 
     def __str__(self) -> str:
         return str(self.strerror)
@@ -94,7 +94,7 @@ def parsed(read: Callable[..., Any], text: str, **settings: Any) -> Any:
 
 
 def toml(text: str) -> dict[str, Any]:
-    """Value of a TOML text.
+    """Parse TOML text.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from simval.shapes import Float
 
 
 def deviations(covariance: Float[Array, "... p p"]) -> Float[Array, "... p"]:
-    """Standard deviations that a covariance has."""
+    """Standard deviations from a covariance."""
     return np.sqrt(np.linalg.diagonal(covariance))
 
 
@@ -22,15 +22,28 @@ _ERRORS = (("bias_error", "bias"), ("covariance_error", "covariance"))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Moments:
-    """Bias and covariance of a p-vector of errors, or of a batch of them."""
+    """Bias and covariance of a vector of p errors, predicted or measured.
 
-    bias: Float[Array, "... p"]  # mean error, (..., p)
-    covariance: Float[Array, "... p p"]  # covariance about the mean, (..., p, p)
-    samples: int = 0  # number of samples behind it; 0 for a prediction
-    # standard error of each entry of `bias`, (..., p); zero for a prediction
+    Whoever returns it says what the errors are of, their sign, frame and unit.
+
+    Attributes
+    ----------
+    bias : Array
+        Mean error, (..., p).
+    covariance : Array
+        Covariance about the mean, (..., p, p).
+    samples : int
+        Number of samples that were measured; 0 for a prediction.
+    bias_error : Array
+        Standard error of each entry of `bias`, (..., p); zero for a prediction.
+    covariance_error : Array
+        Standard error of each entry of `covariance`, (..., p, p); likewise.
+    """
+
+    bias: Float[Array, "... p"]
+    covariance: Float[Array, "... p p"]
+    samples: int = 0
     bias_error: Float[Array, "... p"] = field(default_factory=lambda: np.zeros(0))
-    # standard error of each entry of `covariance`, (..., p, p); zero for a
-    # prediction
     covariance_error: Float[Array, "... p p"] = field(
         default_factory=lambda: np.zeros(0)
     )
@@ -49,7 +62,7 @@ class Moments:
 
     @property
     def second_moment(self) -> Float[Array, "... p p"]:
-        """Mean of the outer product of the error with itself, (..., p, p)."""
+        """Mean outer product of the error with itself, (..., p, p)."""
         return self.covariance + outer(self.bias, self.bias)
 
     @property

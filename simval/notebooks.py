@@ -1,4 +1,4 @@
-"""Fits and runs in a notebook: a table, and a figure on request.
+"""Fits and runs in a notebook: a table, and a plot on request.
 
 Only `simval.report` draws, and it stands above what it draws. So the class says that it
 can be shown, and the drawing is found by its name when it is used, as a face finds its
@@ -14,7 +14,7 @@ def _drawing() -> Any:
 
 
 class ShownFit:
-    """A fit that a notebook draws; its account is its table."""
+    """Base of a fit that a notebook shows as its account and can plot."""
 
     __slots__ = ()
 
@@ -41,7 +41,7 @@ class ShownFit:
 
 
 class ShownRun:
-    """A run that a notebook shows as a table, and draws."""
+    """Base of a run that a notebook shows as a table and can plot."""
 
     __slots__ = ()
 

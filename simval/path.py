@@ -1,4 +1,4 @@
-r"""A smooth path through poses: rates and accelerations at any instant.
+r"""A smooth path through poses, with velocities and accelerations at any time.
 
 Position and quaternion are splines through the poses, of the seventh degree where there
 are eight. The quaternion's spline S is no unit one; its direction is the attitude, and
@@ -40,7 +40,7 @@ LEAST: Final = 8  # poses
 
 
 class Kinematics(NamedTuple):
-    """A body at some instants.
+    """Motion of a body at some instants.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Kinematics(NamedTuple):
     def specific_force(
         self, lever: Float[Array, "3"], gravity: Float[Array, "3"]
     ) -> Float[Array, "n 3"]:
-        """Ideal reading at a place of the body, eq. (W3).
+        """Specific force at a point of the body, eq. (W3).
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class PosePath:
         )
 
     def at(self, time: Float[Array, " n"]) -> Kinematics:
-        """Position, attitude and their derivatives.
+        """Position, attitude and their derivatives at some times.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-r"""Pose sets: directions of gravity in the sensor's axes.
+r"""Pose sets: directions of gravity in the axes of the sensor.
 
 A direction is the unit vector of the specific force in sensor coordinates; a body
 at rest in a pose reads ``g`` times it.
@@ -51,13 +51,36 @@ _SAME_DIRECTION = np.radians(5.0)  # decides the words of a message only
 # 7 to 8 degrees apart. Twice as many, or half, change the variance that the next pose
 # leaves by 0.2 % at most (mean of 200 sets of 12 random poses).
 _CANDIDATES = 600
-# Of what a candidate tells on average, and of a whole parameter: far below what counts.
+# Of the average information of a candidate, and of a whole parameter: negligible.
 _UNTOLD, _NEVER_TOLD = 1e-6, 1e-12
 _ALIKE = 1e-6  # relative: rounding of a total variance leaves 1e-8 at most
 
 
 def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
-    """Directions spread evenly over the sphere along a golden spiral."""
+    r"""Directions spread evenly over the sphere, along a golden spiral.
+
+    Parameters
+    ----------
+    count : int
+        Number of directions, 1 or more.
+
+    Returns
+    -------
+    Array
+        Unit vectors, (count, 3), from near +z to near -z.
+
+    Raises
+    ------
+    InputError
+        If `count` is no whole number, or out of range.
+
+    Notes
+    -----
+    Direction k has :math:`z = 1 - (2k + 1)/n` and the azimuth
+    :math:`\pi (1 + \sqrt 5)(k + 1/2)`, the lattice of Gonzalez, "Measurement of areas
+    on a sphere using Fibonacci and latitude-longitude lattices" (2010): each stands for
+    an equal area, and none has a neighbour at its own height.
+    """
     count = whole_number("count", count, 1, MOST)
     index = np.arange(count) + 0.5
     z = 1.0 - 2.0 * index / count
@@ -81,7 +104,7 @@ def cube_faces() -> Float[Array, "6 3"]:
 
 
 def axis_orders() -> Float[Array, "48 3 3"]:
-    """Matrices that put the axes in any order, with any signs."""
+    """Matrices that exchange axes and change their signs, all 48 of them."""
     signs = np.array(list(product((1.0, -1.0), repeat=3)))
     orders = np.eye(3)[list(permutations(range(3)))]
     return (orders[:, None] * signs[:, :, None]).reshape(48, 3, 3)
@@ -125,12 +148,12 @@ class Observability(ReadOnly):
 
     @property
     def next_direction(self) -> Float[Array, "3"]:
-        """The direction whose addition lowers the total variance most, (3,)."""
+        """Direction of a further pose that lowers the total variance most, (3,)."""
         return best_next_direction(self.jacobian)
 
 
 def direction_jacobian(directions: Float[Array, "... n 3"]) -> Float[Array, "... n 9"]:
-    """Jacobian of the squared norm by the nine parameters, eq. (P1)."""
+    """Derivative of the squared norm by the nine parameters, eq. (P1)."""
     u = physical_array("directions", directions, (None, 3))
     products = u[..., [0, 0, 1]] * u[..., [1, 2, 2]]
     return 2.0 * np.concatenate([products, u * u, -u], axis=-1)
@@ -156,7 +179,7 @@ def observability(directions: Float[Array, "n 3"]) -> Observability:
 
 
 def geometry_loss(directions: Float[Array, "n 3"]) -> float:
-    """Factor that the worst error bar loses to the choice of poses, eq. (P3)."""
+    """Factor by which the worst error bar exceeds that of even poses, eq. (P3)."""
     # moments of a uniform direction: 1/3 of u_i^2, 1/15 of u_i^2 u_j^2, 1/5 of u_i^4
     even = np.zeros((PARAMETERS, PARAMETERS))
     even[:3, :3] = np.eye(3) / 15.0
@@ -171,7 +194,7 @@ def geometry_loss(directions: Float[Array, "n 3"]) -> float:
 
 
 def one_set(name: str, directions: Any) -> Float[Array, "n 3"]:
-    """Require the directions of one pose set."""
+    """Check the directions of one pose set."""
     array = finite_array(name, directions, (None, 3))
     if array.ndim != 2 or len(array) == 0:
         msg = f"`{name}` has shape {array.shape}; give those of one set, (n, 3)"
@@ -184,7 +207,7 @@ def best_addition(
     added: Float[Array, "k p p"],
     wanted: slice = slice(None),
 ) -> int:
-    """Number of the candidate that lowers the total variance of parameters most.
+    """Index of the candidate that lowers the total variance most.
 
     The A-optimal choice by the information of what there is and of each candidate, in
     units in which the parameters are of one size. Where no single candidate makes the
@@ -215,7 +238,7 @@ def best_addition(
 
 
 def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
-    """Direction whose addition lowers the sum of the nine variances most."""
+    """Direction that lowers the sum of the nine variances most."""
     named = [cube_faces(), cube_edges(), cube_corners()]
     candidates = np.concatenate([*named, fibonacci_sphere(_CANDIDATES)])
     jacobian = physical_array("jacobian", jacobian, (None, PARAMETERS))
@@ -225,7 +248,7 @@ def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
 
 
 def describe(directions: Float[Array, "n 3"]) -> str:
-    """Say in words what a pose set is, for a message."""
+    """Describe a pose set for a message."""
     distinct: list[Array] = []
     for u in normalize(one_set("directions", directions)):
         if all(float(u @ v) < np.cos(_SAME_DIRECTION) for v in distinct):
@@ -239,7 +262,7 @@ def describe(directions: Float[Array, "n 3"]) -> str:
 
 
 def named_poses(text: str) -> Float[Array, "n 3"]:
-    """Directions of a pose set, by the words of `simval plan --poses`."""
+    """Directions of a pose set by its name, as `simval plan --poses` takes it."""
     sets = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
     parts = []
     for name in text.split("+"):
@@ -258,7 +281,7 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
 
 
 def read_directions(path: Path) -> Float[Array, "n 3"]:
-    """Read rows of x y z from a text file."""
+    """Read rows of x, y and z from a text file."""
     try:
         lines = read_text(path, MOST_DOCUMENT).replace(",", " ").splitlines()
         rows = [[float(x) for x in line.split()] for line in lines if line.strip()]

@@ -1,4 +1,4 @@
-"""Pytest plug-in: a test's own function, measured and judged like a simval plug-in.
+"""Pytest plug-in: judge a test's own function like a plug-in of simval.
 
     def test_my_estimator(simval_estimator):
         simval_estimator(my_function, components="sxyz", matrix="active")
@@ -102,7 +102,7 @@ def _judging(kind: str, config: pytest.Config) -> Check:
             text = str(checked)
         except SimvalError as error:
             text = str(error).replace("--update-baseline", UPDATE)
-        if checked is None or not checked.good:  # not above: it would be told twice
+        if checked is None or not checked.good:  # not above: it would be reported twice
             pytest.fail(text, pytrace=False)
         print(text)  # noqa: T201, for pytest's -rP and -s
         return checked

@@ -1,4 +1,4 @@
-"""A ranking of sizes of which less is better, with ties.
+"""Rank sizes of which less is better, and find ties.
 
 Two are told apart where what judges the pair sees a difference beyond chance, and where
 the digits that a person is shown differ. Who is not told apart from the least, or from
@@ -15,20 +15,20 @@ DIGITS: Final = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranking:
-    """Names by size, and who is tied with either end."""
+    """Names by size, with those that tie with the best and with the worst."""
 
     order: tuple[str, ...]  # the least first
-    best: tuple[str, ...]  # not told apart from the least, which comes first
+    best: tuple[str, ...]  # the least first, then those that tie with it
     worst: tuple[str, ...]  # nor from the greatest, which comes first
 
     @property
     def tied(self) -> bool:
-        """Whether the two ends are not told apart, so that nothing is ranked."""
+        """True if even the best and the worst tie, so that nothing is ranked."""
         return self.order[-1] in self.best
 
 
 def ranked(sizes: Mapping[str, float], apart: Callable[[str, str], bool]) -> Ranking:
-    """Rank one or more names by finite sizes; `apart` judges two beyond chance."""
+    """Rank names by finite sizes; `apart` says whether two differ beyond chance."""
     order = tuple(sorted(sizes, key=lambda name: (sizes[name], name)))
     shown = {name: f"{size:.{DIGITS}g}" for name, size in sizes.items()}
 

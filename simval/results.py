@@ -1,4 +1,4 @@
-"""A measured number and its prediction: the row of every results table.
+"""A measured number and its prediction: a row of every table of results.
 
 A study returns an `Outcome`: rows, and artifacts for the report to draw from. The
 `check` of a row says how `verdict` judges it. Each check has its constructor, which
@@ -59,7 +59,7 @@ NUMBERS = ("value", "standard_error", "prediction", "remainder")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A statistic of one cell, its standard error and its prediction."""
+    """A measured statistic of a cell, with its standard error and its prediction."""
 
     # what was measured; unique in the cell together with `predictor`
     statistic: Statistic
@@ -85,7 +85,7 @@ class Row:
 
     @property
     def shown(self) -> float:
-        """The value for people: 0 where it is only rounding, and may be."""
+        """The value for people, where mere rounding counts as 0."""
         allowed = self.prediction if self.check == "limit" else self.remainder
         computed = self.check in ("limit", "exact")  # in SI units, of a size about 1
         rounding = computed and abs(self.value) <= min(ROUNDING, allowed or 0.0)
@@ -93,18 +93,18 @@ class Row:
 
     @property
     def claimed(self) -> bool:
-        """True if theory predicts it, in its range or not."""
+        """True if theory predicts the value, even outside its range."""
         return self.check != "record" or bool(self.outside)
 
     @property
     def tidy(self) -> dict[str, Any]:
-        """The columns of a results table, in their order."""
+        """The row as the columns of a results table."""
         named = {"statistic": str(self.statistic)}
         return {name: named.get(name, getattr(self, name)) for name in COLUMNS}
 
     @property
     def key(self) -> tuple[Statistic, str]:
-        """Key of the row within its cell."""
+        """Key of the row within its cell: statistic and predictor."""
         return self.statistic, self.predictor
 
 
@@ -113,7 +113,7 @@ Rows = tuple[Row, ...]
 
 @dataclass(frozen=True, slots=True, order=True)
 class CellName:
-    """Name of the cell that a row belongs to."""
+    """Name of the cell that a row belongs to, and its study."""
 
     study: str  # name of its study; empty for the run as a whole
     # its unique name in the run; empty for all cells of the study together
@@ -141,14 +141,37 @@ def _sampled(
     predictor: str,
     remainder: Numbers = 0.0,
 ) -> Rows:
-    """Rows of sampled values against theory."""
+    """Rows of sampled values, which are judged against the prediction of theory.
+
+    Parameters
+    ----------
+    check : str
+        Rule by which the rows are judged: ``plain``, ``control`` or ``nees``.
+    statistics : Statistic or sequence of Statistic
+        What was measured; the numbers have a value for each, or one for all.
+    value, standard_error : array_like
+        Measured values and their standard errors, in the statistics' units.
+    n : int
+        Number of independent samples.
+    prediction : array_like
+        Predicted values, in the same units.
+    predictor : str
+        Name of the theory.
+    remainder : array_like, default 0
+        Largest error of the prediction itself, by what the theory leaves out.
+
+    Returns
+    -------
+    tuple of Row
+        A row for each statistic. One whose remainder is too large is not judged.
+    """
     numbers = (value, standard_error, prediction, remainder)
     rows = _rows(check, statistics, n, predictor, *numbers)
     return tuple(beyond([row], _too_much(row))[0] for row in rows)
 
 
 def _too_much(row: Row) -> str:
-    """Why a sampled row's remainder is too great to judge by; empty if it is not."""
+    """Say why a remainder is too large to judge by; empty if it is not."""
     assert row.prediction is not None
     size = max(abs(row.prediction), row.standard_error * row.n**0.5)
     if not row.remainder > MAX_REMAINDER * size:
@@ -160,7 +183,7 @@ def _too_much(row: Row) -> str:
 
 
 def beyond(rows: Iterable[Row], why: str) -> Rows:
-    """The same rows, none judged, if there is a reason why theory ends before them."""
+    """The same rows, unjudged if there is a reason why theory does not reach there."""
     return tuple(
         replace(row, check="record", outside=why)
         if why and row.check != "record"
@@ -170,13 +193,13 @@ def beyond(rows: Iterable[Row], why: str) -> Rows:
 
 
 plain = partial(_sampled, "plain")
-"""Rows of plain samples."""
+"""Rows of plain samples: ``plain(statistics, value, standard_error, n, ...)``."""
 
 control = partial(_sampled, "control")
-"""Rows of samples with control variates."""
+"""Rows of samples with control variates; arguments as of `plain`."""
 
 nees = partial(_sampled, "nees")
-"""Rows of a normalised squared error."""
+"""Rows of normalised squared errors; arguments as of `plain`."""
 
 
 def exact(
@@ -187,7 +210,7 @@ def exact(
     remainder: Numbers,
     n: int = 0,
 ) -> Rows:
-    """Deterministic rows that must meet the prediction within the remainder."""
+    """Rows without chance that must equal the prediction to within the remainder."""
     numbers = (value, 0.0, prediction, remainder)
     return _rows("exact", statistics, n, predictor, *numbers)
 
@@ -195,7 +218,7 @@ def exact(
 def limit(
     statistics: Statistics, value: Numbers, most: Numbers, predictor: str, n: int = 0
 ) -> Rows:
-    """Deterministic rows that must not exceed a limit."""
+    """Rows without chance that must not exceed a limit."""
     return _rows("limit", statistics, n, predictor, value, 0.0, most, 0.0)
 
 
@@ -208,7 +231,7 @@ def unjudged(
     predictor: str = "",
     remainder: Numbers = 0.0,
 ) -> Rows:
-    """Rows that are reported and not judged."""
+    """Rows that are reported but not judged."""
     numbers = (value, standard_error, prediction, remainder)
     return _rows("record", statistics, n, predictor, *numbers)
 
@@ -236,14 +259,22 @@ def _rows(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """Results of one cell of a study."""
+    """What a study's function returns for a cell.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        Its statistics, as `plain`, `exact`, `limit` and `unjudged` make them.
+    artifacts : mapping of str to mapping or bytes
+        Files for the page, by name: arrays by their names (stored as npz), or bytes
+        (stored as they are). Cells of a run share the names and the last one written
+        wins, so a name says which parameters its file depends on.
+    times : mapping of str to float
+        Times that were measured, s, and ratios of them; no comparison looks at them.
+    """
 
     rows: Rows
-    # file name to array (stored as npz) or bytes (stored as they are), for the report;
-    # names are shared by the cells of a run, the last one written wins, so a name says
-    # what it depends on
     artifacts: Mapping[str, Mapping[str, Array] | bytes] = field(default_factory=dict)
-    # what was timed on the way, s and ratios of s; kept outside all that is compared
     times: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -1,4 +1,4 @@
-"""Shapes in annotations: `Float[Array, "n 3"]` is an array of floats of that shape.
+"""Shapes in annotations: `Float[Array, "n 3"]` is an array of n rows of 3 floats.
 
 They are `jaxtyping`'s for a type checker and in the tests, which import it first and
 check them; in a user's run they stand for the array and cost no import.
@@ -12,10 +12,10 @@ if TYPE_CHECKING or "jaxtyping" in sys.modules:
 else:
 
     class Float:
-        """Any array."""
+        """An array; its shape is checked only in the tests."""
 
         def __class_getitem__(cls, of: tuple[Any, str]) -> Any:
-            """Give back the type of the array."""
+            """Return the type of the array, and ignore the shape."""
             return of[0]
 
     Bool = Inexact = Int = Shaped = Float

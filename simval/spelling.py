@@ -1,4 +1,4 @@
-"""Numbers as a person reads them, spelled once for every face.
+"""Spell numbers for people, in one way for all faces.
 
 A value has two digits of its standard deviation, and a limit two of its own. What is
 only rounding is 0. A chance is ``p = 0.59``, and a small one ``p < 0.001``: its level
@@ -28,7 +28,7 @@ ASCII: Final = str.maketrans({
 
 
 def measured(value: float, sd: float, *, fixed: bool = False) -> str:
-    """``value ± sd``, both to two digits of the standard deviation.
+    """Spell ``value ± sd``, both rounded to two digits of the standard deviation.
 
     Long ones have a power of ten, but not where they are `fixed`: in a row of a table
     whose unit has one.
@@ -54,26 +54,26 @@ def _exponent(value: float, places: int = 6) -> int:
 
 
 def rounded(value: float, digits: int = 2) -> str:
-    """A number with so many significant digits, with an exponent only if it is long."""
+    """Spell a number with so many significant digits."""
     short = float(f"{value:.{digits - 1}e}")
     return f"{short:.12g}" if 1e-4 <= abs(short) < 1e7 else f"{short:.{digits}g}"
 
 
 def rounded_up(number: float) -> str:
-    """A number of times in words, of two digits, rounded up."""
+    """Spell a factor with two digits, rounded up."""
     step = 10.0 ** (floor(log10(number)) - 1)
     return f"{ceil(number / step - 1e-9) * step:,.6g}"
 
 
 def bounded(low: float, high: float, digits: int = 2) -> str:
-    """A quantity of which only a limit is known."""
+    """Spell a quantity of which only a limit is known."""
     if isfinite(high):
         return f"< {rounded(high, digits)}"
     return f"> {rounded(low, digits)}" if low > 0.0 else "not bounded"
 
 
 def chance(p: float) -> str:
-    """A chance, as ``p = 0.59`` or ``p < 0.001``; empty where there is none."""
+    """Spell a chance as ``p = 0.59`` or ``p < 0.001``; empty if there is none."""
     if not isfinite(p):
         return ""
     small = p < LEAST_CHANCE
@@ -81,23 +81,23 @@ def chance(p: float) -> str:
 
 
 def whole(count: int) -> str:
-    """A count, as ``7 980``."""
+    """Spell a count in groups of three digits, as ``7 980``."""
     return f"{count:,}".replace(",", " ")
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:
-    """A count with its noun in the number that agrees, as ``1 cell`` or ``2 cells``."""
+    """Spell a count with its noun: ``1 cell``, ``2 cells``."""
     return f"{whole(count)} {noun if count == 1 else plural or f'{noun}s'}"
 
 
 def series(names: Iterable[str]) -> str:
-    """Names in a sentence, as ``a, b and c``."""
+    """Join names as in a sentence: ``a, b and c``."""
     *first, last = [*names] or [""]
     return f"{', '.join(first)} and {last}" if first else last
 
 
 def duration(seconds: float) -> str:
-    """A time in s below a minute, then in min, h and days."""
+    """Spell a time: in s below a minute, then in min, h and days."""
     for unit, size, most in (("s", 1.0, 60.0), ("min", 60.0, 60.0),
                              ("h", 3600.0, 48.0)):  # fmt: skip
         if float(f"{seconds / size:.2g}") < most:
@@ -106,5 +106,5 @@ def duration(seconds: float) -> str:
 
 
 def in_ascii(text: str) -> str:
-    """The text for a stream that has no other characters."""
+    """Spell text in ASCII, for streams that have nothing else."""
     return text.translate(ASCII)

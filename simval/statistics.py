@@ -1,4 +1,4 @@
-"""The vocabulary: measurable statistics, and the theories they are compared with.
+"""The vocabulary: statistics that are measured, and theories to compare them with.
 
 A statistic is a member of a family: ``BIAS("K_x")`` is the bias of one entry,
 ``NEES()`` stands alone, and `controlled` says that it was sampled with control
@@ -26,7 +26,7 @@ Better = Literal["less", "more", "zero", "prediction"]
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """A kind of statistic."""
+    """A kind of statistic, such as a bias, with its name and unit."""
 
     name: str  # as ``results.csv`` spells it
     words: str  # what a person calls it
@@ -54,13 +54,13 @@ class Family:
         return hash(self.name)  # of a dozen fields it alone tells two apart
 
     def __call__(self, *entries: str, unit: str | None = None) -> "Statistic":
-        """Return a member of the family."""
+        """Return the statistic of the family without entries."""
         return Statistic(
             family=self, entries=entries, unit=self.unit if unit is None else unit
         )
 
     def each(self, entries: Iterable[str], units: Iterable[str] | None = None) -> Any:
-        """Return a member for each entry, in units of their own if given."""
+        """Return a statistic for each entry, each in its own unit if given."""
         if units is None:
             return tuple(self(entry) for entry in entries)
         pairs = zip(entries, units, strict=True)
@@ -345,7 +345,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
 
 
 def family(name: Any) -> Family:
-    """Family of a name, or the family itself."""
+    """Find a family by its name; a family is returned as it is."""
     if isinstance(name, Family):
         return name
     if name not in FAMILIES:
@@ -373,7 +373,7 @@ ONE_OF_MANY = frozenset((*AXES, "s", *QUANTILES, *RATES))
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """Statistic of a row: its family, its entries, and its sampling."""
+    """A statistic of a row: its family, its entries, and how it was sampled."""
 
     # the kind
     family: Annotated[
@@ -399,25 +399,25 @@ class Statistic:
 
     @property
     def words(self) -> str:
-        """What a person calls it: the family, and its entries in brackets."""
+        """Name for people: the family, and the entries in brackets."""
         inside = f" ({', '.join(self.entries)})" if self.entries else ""
         return f"{self.family.words}{inside}"
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The entries without which one it is: ``K`` of the scale ``K_x``."""
+        """Entries reduced to their kind: ``K`` for the scale ``K_x``."""
         named = self.entries[:-1] if self.family.along else self.entries
         return tuple(PARAMETERS.get(e, e) for e in named if e not in ONE_OF_MANY)
 
     @property
     def better(self) -> Better | None:
-        """Direction of improvement; neither for a covariance of two axes."""
+        """Which direction is an improvement; neither for a covariance of two axes."""
         two_axes = self.family.scale == "variances" and len(set(self.entries)) > 1
         return None if two_axes else self.family.better
 
     @property
     def control(self) -> "Statistic":
-        """The same, sampled with control variates."""
+        """The same statistic, sampled with control variates."""
         return replace(self, controlled=True)
 
 
@@ -469,15 +469,15 @@ NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 
 
 def class_of(kind: str) -> str:
-    """Predictor of an estimator that declares its class."""
+    """Name of the theory for estimators of a declared class."""
     return f"class: {kind}"
 
 
 def claim_of(order: int | str) -> str:
-    """Predictor of a covariance that an algorithm states for itself."""
+    """Name of the prediction that an algorithm's own covariance makes."""
     return f"claim: {order}"
 
 
 def order(number: int) -> str:
-    """Predictor of a claim's order in the noise."""
+    """Name of the theory that an error falls with this order in the noise."""
     return f"order {number}"

@@ -1,4 +1,4 @@
-"""Random streams: one independent generator per cell and block of work.
+"""Random streams: an independent generator for each block of a cell's work.
 
 A stream is fixed by the run's seed, the cell's canonical name and the number of
 the block, and by nothing else: not by the cell's place in the grid, nor by the
@@ -15,13 +15,13 @@ from simval.arguments import whole_number
 
 
 def cell_key(name: str) -> tuple[int, ...]:
-    """Spawn key of a cell: its canonical name's SHA-256 as eight 32-bit words."""
+    """Key of a cell: the SHA-256 of its name, as eight 32-bit words."""
     digest = hashlib.sha256(name.encode()).digest()
     return tuple(int.from_bytes(digest[i : i + 4], "big") for i in range(0, 32, 4))
 
 
 def sequence(seed: int, key: tuple[int, ...], block: int) -> np.random.SeedSequence:
-    """Seed of one block of one cell."""
+    """Seed sequence of one block of one cell."""
     seed, block = whole_number("seed", seed, 0), whole_number("block", block, 0)
     return np.random.SeedSequence(seed, spawn_key=(*key, block))
 
@@ -33,15 +33,26 @@ def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """The streams of one cell, a generator for each block of its work."""
+    """The random streams of one cell: an independent generator for each block of work.
 
-    seed: int  # the run's seed, 0 or more
-    key: tuple[int, ...]  # from `cell_key`
+    A study gets it as an argument, draws only from it, and so gives the same numbers
+    whichever process computes the cell, and whatever other cells a run has.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of the run, 0 or more.
+    key : tuple of int
+        Key of the cell, made of its name by `cell_key`.
+    """
+
+    seed: int
+    key: tuple[int, ...]
 
     def sequence(self, number: int) -> np.random.SeedSequence:
-        """Seed of one block, for generators of another kind."""
+        """Seed sequence of one block, for other kinds of generator."""
         return sequence(self.seed, self.key, number)
 
     def block(self, number: int) -> np.random.Generator:
-        """Generator of one block, made anew at each call."""
+        """Generator of one block, fresh at each call."""
         return np.random.Generator(np.random.SFC64(self.sequence(number)))

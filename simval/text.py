@@ -1,4 +1,4 @@
-"""Text for people: values and messages on one printable line, whole numbers."""
+"""Values and messages as printable text on one line; reading of whole numbers."""
 
 import math
 import os
@@ -26,7 +26,7 @@ LONGEST = 200
 
 
 def nearest(word: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """Find the known words that a slip may have meant, the nearest first."""
+    """Known words that a mistyped one may mean, the nearest first."""
     names = {_bare(name): name for name in known}
     bare = _bare(word)
     if not bare or len(bare) > LONGEST:
@@ -41,7 +41,7 @@ def nearest(word: str, known: Iterable[str], most: int = 1) -> list[str]:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Words that ask whether another name was meant; none if none is near."""
+    """Ask whether a known word was meant; empty if none is near."""
     near = nearest(word, known)
     return f" (did you mean `{near[0]}`?)" if near else ""
 
@@ -52,7 +52,7 @@ def _bare(word: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as a message shows it, cut where it is long."""
+    """A value as messages show it, cut if it is long."""
     try:
         text = " ".join(repr(value).split())
     except ValueError:  # Python writes no whole number of more than 4300 digits
@@ -65,12 +65,12 @@ ROUNDING: Final = 1e-12
 
 
 def number(value: float, digits: int = 6, size: float = 0.0) -> str:
-    """A value in digits; 0 where it is rounding of numbers of this size."""
+    """Spell a number; 0 if it is rounding next to numbers of this size."""
     return "0" if abs(value) <= ROUNDING * size else f"{value:.{digits}g}"
 
 
 def columns(rows: Iterable[Sequence[str]], *least: int) -> list[str]:
-    """Lines of cells, two blanks between them, as wide as the longest of a column.
+    """Align cells in columns, with two blanks between.
 
     A column is at least as wide as stated; one of negative width is set to the left,
     and there the last cell of a row takes no room.
@@ -87,7 +87,7 @@ def columns(rows: Iterable[Sequence[str]], *least: int) -> list[str]:
 
 
 def interval_words(low: float, high: float, digits: int) -> str:
-    """Both ends of an interval, with as many digits as tell them apart; - for none."""
+    """Spell an interval with as many digits as tell its ends apart."""
     if not math.isfinite(low):
         return f"{high:.{digits}g} or less" if math.isfinite(high) else "- to -"
     if not math.isfinite(high):
@@ -97,11 +97,6 @@ def interval_words(low: float, high: float, digits: int) -> str:
         if ends[0] != ends[1]:
             return " to ".join(ends)
     return "- to -"
-
-
-def chance_words(p: float, digits: int = 2) -> str:
-    """A chance in digits; one that has no number here is not none."""
-    return f"{p:.{digits}g}" if p != 0.0 else "below 1e-300"
 
 
 def one_line(text: str) -> str:
@@ -119,7 +114,7 @@ def one_line(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Replace what a terminal obeys, and what no file can hold, by its escape."""
+    r"""Escape characters that a terminal would obey or a file cannot hold."""
     if text.isprintable():
         return text
     return "".join(
@@ -129,7 +124,7 @@ def printable(text: str) -> str:
 
 
 def words_of(error: BaseException) -> str:
-    """Message of an error, even of one whose `__str__` fails."""
+    """Message of an error, even if its `__str__` fails."""
     try:
         return str(error)
     except Exception:  # whatever a user's `__str__` may raise
@@ -137,13 +132,13 @@ def words_of(error: BaseException) -> str:
 
 
 def message_of(error: BaseException) -> str:
-    """Say what an error is, even one that cannot say so itself."""
+    """Say what an error is, even if it has no message."""
     words = words_of(error)
     return f"{type(error).__name__}: {words}" if words else type(error).__name__
 
 
 def raised(error: BaseException) -> str:
-    """Message of an error of a user's code, with the file and the line that raised it.
+    """Message of an error in a user's code, with the file and line.
 
     It is the last line that is neither ours nor of an installed package; of code that
     is installed itself the last of the file that we called.
@@ -170,7 +165,7 @@ def raised(error: BaseException) -> str:
 
 
 def described(error: BaseException) -> str:
-    """Traceback of an error, whose last line is the whole message."""
+    """Traceback of an error, with the full message as its last line."""
     import traceback
 
     trace, message = (
@@ -188,7 +183,7 @@ DIGITS: Final = 30
 
 
 def as_whole(value: Any) -> Any:
-    """Make an integer of a real number that is one exactly; leave the rest."""
+    """Make an integer of a number that is exactly one; leave anything else."""
     real = isinstance(value, Real) and not isinstance(value, Integral)
     if real and abs(value) <= EXACT and value == int(value):
         return int(value)

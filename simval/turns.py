@@ -1,4 +1,4 @@
-r"""Sets of rotations between rests: what they determine of a gyroscope's matrix.
+r"""Sets of rotations: what they determine of a gyroscope's matrix.
 
 A turn by the angle :math:`\alpha` about a fixed axis a, in body axes, by a gyroscope
 whose matrix is off by the relative error :math:`D = \mathrm{d}M\,M^{-1}`, ends off by
@@ -38,7 +38,7 @@ _ALIKE: Final = 0.95  # cosine from which a missing combination is called by a n
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TurnObservability(ReadOnly):
-    """Observability of a gyroscope's matrix in a set of rotations.
+    """What a set of rotations determines of a gyroscope's matrix.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ def turn_rows(
     *,
     bias: bool = False,
 ) -> Float[Array, "... 3 p"]:
-    """Rows that a turn adds for D and b T: u x theta, of rank two."""
+    """The two rows that a turn adds for D and b T, u x theta."""
     S = cross_matrix(normalize(start)) @ turn_sensitivity(axis, angle)
     a = normalize(axis)
     by_matrix = S[..., :, :, None] * a[..., None, None, :]
@@ -117,7 +117,7 @@ def turns_of(
 
 
 def judge(rows: Float[Array, "r p"]) -> TurnObservability:
-    """Rank, condition and the missing combination, from rows by D (and b)."""
+    """Rank, condition and the weakest combination, from rows for D (and b)."""
     p = rows.shape[-1]
     padded = np.concatenate([rows, np.zeros((p, p))])
     _, values, vectors = np.linalg.svd(padded, full_matrices=False)
@@ -133,7 +133,7 @@ def judge(rows: Float[Array, "r p"]) -> TurnObservability:
 
 
 def missing(found: TurnObservability) -> str:
-    """Name the relative error of the matrix that is seen least."""
+    """Name the relative error of the matrix that the rotations show least."""
     D = found.least_seen
     common = abs(float(np.trace(D))) / np.sqrt(3.0)
     twist = np.linalg.norm(D - D.T) / 2.0
@@ -152,7 +152,7 @@ def missing(found: TurnObservability) -> str:
 def best_next_turn(
     rows: Float[Array, "r p"], start: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], float]:
-    """Axis and angle of the turn that lowers the sum of the variances of D most.
+    """Axis and angle of a further turn that lowers the variances of D most.
 
     All rows count alike: of 22 random plans the standard deviation of M after the turn
     is within 1.14 of the best by the whole bound, which takes a thousand times as long.

@@ -1,4 +1,4 @@
-"""Units: of a page, as a person reads them, and of a log, as sensors give them.
+"""Units: as people read them on a page, and as sensors give them in a log.
 
 Rows are in SI and radians, and a ratio has the unit 1: a plain number. A
 person reads misalignment in milliradians, scale factors in parts per million, bias in
@@ -11,7 +11,7 @@ from math import pi, sqrt
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit for people."""
+    """A unit for people, with its factor."""
 
     name: str  # as it is written behind a number
     factor: float  # times a value in the unit of the row
@@ -40,12 +40,12 @@ OF_A_CALIBRATION = {
 
 
 def value_words(unit: str) -> str:
-    """Label of an axis with values of rows: their unit as it is, none of a ratio."""
+    """Label of an axis with values in this unit; a ratio has none."""
     return "value" if unit == "1" else f"value, {unit.replace('^2', '²')}"
 
 
 def of_row(unit: str) -> Unit:
-    """Unit for people of a unit of the rows."""
+    """Unit for people that belongs to the unit of a row."""
     return SI.get(unit, Unit(unit.replace("^2", "²"), 1.0))
 
 

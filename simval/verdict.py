@@ -1,4 +1,4 @@
-r"""Judgement of rows: pass, fail or inconclusive, at a stated false-alarm rate.
+r"""Judge rows as pass, fail or inconclusive, at a stated false-alarm rate.
 
 Sampling rows are tested against an interval, not a point, because a truncated
 formula is allowed its remainder :math:`\delta`. With :math:`d` the difference and
@@ -62,6 +62,7 @@ from simval.arrays import Array
 from simval.change import holm
 from simval.results import MAX_REMAINDER, CellName, Row, nees
 from simval.shapes import Bool, Float, Int, Shaped
+from simval.spelling import chance
 from simval.statistics import POOLED_NEES, Statistic
 
 Answer = Literal["pass", "fail", "inconclusive"]
@@ -116,7 +117,7 @@ and rounding, 1e-12 of the spread at most, must not decide what counts as a chec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """One judged row."""
+    """Verdict on one row."""
 
     cell: CellName  # the cell, or all cells of a study for what is pooled over them
     row: Row
@@ -136,7 +137,7 @@ class Verdict:
 
     @property
     def samples_needed(self) -> float:
-        """Samples for which what would be seen is just the margin; NaN if not sampled.
+        """Samples with which the smallest visible error is the margin; NaN if none.
 
         As if Student's t kept its degrees of freedom, so somewhat few far below `n`.
         """
@@ -144,7 +145,7 @@ class Verdict:
 
     @property
     def more(self) -> float:
-        """Times as many samples would do where they are too few; else NaN."""
+        """Factor by which more samples would suffice; NaN if they suffice already."""
         if self.answer != "inconclusive" or isnan(self.detectable):
             return np.nan
         row, seen = self.row, float(scipy.special.ndtri(POWER))
@@ -172,7 +173,7 @@ def worst(answers: Iterable[Answer]) -> Answer:
 
 
 def overall(verdicts: Iterable[Verdict]) -> Answer:
-    """One answer for all: the worst of them; no check at all is inconclusive."""
+    """The worst answer of all; inconclusive if there is no check at all."""
     answers = {verdict.answer for verdict in verdicts if not verdict.wide}
     if "fail" in answers:
         return "fail"
@@ -180,7 +181,7 @@ def overall(verdicts: Iterable[Verdict]) -> Answer:
 
 
 def powers_by_study(verdicts: Iterable[Verdict]) -> dict[str, float]:
-    """Median power of each study's checks, a quantity by the row that sees most.
+    """Median power of each study's checks, by the best row of each quantity.
 
     Without those whose power is in a unit of their own: limits, differences.
     """
@@ -202,7 +203,7 @@ Mask = Bool[NDArray[np.bool_], " n"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Columns:
-    """Rows as arrays: what judges many of them reads a column at once."""
+    """Rows as arrays, so that many are judged at once."""
 
     check: Shaped[NDArray[np.str_], " n"]
     value: Float[Array, " n"]
@@ -213,27 +214,27 @@ class _Columns:
 
     @property
     def sampled(self) -> Mask:
-        """True where chance has a part in it."""
+        """True for rows in which chance plays a part."""
         return np.isin(self.check, list(WEIGHTS))
 
     @property
     def spread(self) -> Float[Array, " n"]:
-        """One sample's own spread; 0 without chance."""
+        """Standard deviation of a single sample; 0 without chance."""
         return self.standard_error * np.sqrt(self.n)
 
     @property
     def sizes(self) -> Float[Array, " n"]:
-        """Predicted value or one sample's own spread, whichever is greater."""
+        """The prediction or the spread of a sample, whichever is larger."""
         return np.maximum(np.abs(self.prediction), self.spread)
 
     @property
     def predicts(self) -> Mask:
-        """True where there is a prediction of which a change is relative."""
+        """True for rows with a prediction that changes can be relative to."""
         some = np.abs(self.prediction) > NOTHING * self.spread
         return (self.check != "limit") & some
 
     def power(self, detectable: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Eq. (V3), of what is seen beyond the remainder."""
+        """Power by eq. (V3): what would be seen beyond the remainder."""
         allowed = np.where(self.check == "limit", self.prediction, self.remainder)
         unit = np.where(self.sampled, self.spread, 1.0)
         scale = np.where(self.predicts, np.abs(self.prediction), unit)
@@ -241,7 +242,7 @@ class _Columns:
 
     @property
     def p_values(self) -> Float[Array, " n"]:
-        """Eq. (V1)."""
+        """p-value of each row, eq. (V1)."""
         distance = np.abs(self.value - self.prediction)
         low = (distance - self.remainder) / self.standard_error
         high = (distance + self.remainder) / self.standard_error
@@ -251,7 +252,7 @@ class _Columns:
 
     @property
     def obstacles(self) -> Int[NDArray[np.int64], " n"]:
-        """Place in `OBSTACLES` and 1 of each row; 0 where there is none."""
+        """Position of the first of `OBSTACLES`, from 1; 0 if there is none."""
         numbers = (self.value, self.standard_error, self.remainder, self.prediction)
         sampled = self.sampled
         found = [
@@ -277,13 +278,13 @@ def _columns(rows: Sequence[Row]) -> _Columns:
 
 @np.errstate(all="ignore")  # what is no number has an obstacle
 def p_values(rows: Iterable[Row]) -> Float[Array, " n"]:
-    """Probability of eq. (V1) for sampling rows."""
+    """p-value of each sampled row, eq. (V1)."""
     return _columns(list(rows)).p_values
 
 
 @np.errstate(all="ignore")  # what is no number has an obstacle
 def shares(verdicts: Sequence[Verdict]) -> Float[Array, " n"]:
-    """Distance of each row from theory over what it is allowed; 1 just passes.
+    """Distance from theory as a share of what is allowed; a row passes up to 1.
 
     A sampled row is allowed its remainder and as much chance as eq. (V1) at its limit;
     NaN of a row that cannot be judged.
@@ -367,21 +368,21 @@ def _counted(verdict: Verdict) -> Verdict:
 
 
 def _quantity(cell: CellName, row: Row) -> tuple[CellName, Statistic, str]:
-    """What a plain and a control row of a cell have in common."""
+    """Key of a quantity, the same for its plain and control rows."""
     return cell, row.statistic.control, row.predictor
 
 
 def _members(rows: Iterable[tuple[CellName, Row]]) -> list[tuple[CellName, Row]]:
-    """The rows that are judged, and last what is pooled over a study."""
+    """The rows to judge, followed by those pooled over each study."""
     members = [pair for pair in rows if pair[1].check != "record"]
     return [*members, *_pooled(members)]
 
 
 def _tested(columns: _Columns, alpha: float) -> tuple[Array, Array, Array]:
-    """Of each row eq. (V1), the limit of it or of the difference, and eq. (V2)."""
+    """p-value of each row, its limit, and the smallest error that would be seen."""
     obstacle, sampled = columns.obstacles, columns.sampled
     sound = obstacle == 0
-    # of too few samples nothing is said but how many are needed
+    # with too few samples only the number needed is stated
     counted = sound | (obstacle == TOO_FEW)
     p = np.where(sound & sampled, columns.p_values, np.nan)
     limit = np.where(columns.check == "limit", columns.prediction, columns.remainder)
@@ -403,7 +404,7 @@ def _tested(columns: _Columns, alpha: float) -> tuple[Array, Array, Array]:
 
 @np.errstate(all="ignore")  # what is no number has an obstacle
 def powers(rows: Iterable[tuple[CellName, Row]]) -> list[float]:
-    """Power of each row of a run, eq. (V3), at `ALPHA`; NaN where it is not judged."""
+    """Power of each row, eq. (V3), at `ALPHA`; NaN if it is not judged."""
     every = list(rows)
     columns = _columns([row for _, row in _members(every)])
     power = columns.power(_tested(columns, ALPHA)[2])
@@ -412,7 +413,7 @@ def powers(rows: Iterable[tuple[CellName, Row]]) -> list[float]:
 
 
 def _reason(row: Row, p: float, limit: float, detectable: float) -> str:
-    """Why a row that can be judged is no pass."""
+    """Say why a row does not pass."""
     assert row.prediction is not None
     off = abs(row.value - row.prediction)
     if row.check == "limit":
@@ -426,7 +427,7 @@ def _reason(row: Row, p: float, limit: float, detectable: float) -> str:
         return (
             f"{row.value:.6g} against {row.prediction:.6g}: "
             f"{(off - row.remainder) / row.standard_error:.1f} standard errors beyond "
-            f"the allowed remainder, p = {p:.2g}, limit {limit:.2g}"
+            f"the allowed remainder ({chance(p)})"
         )
     least = PRACTICAL * max(abs(row.prediction), row.standard_error * sqrt(row.n))
     return (
@@ -438,7 +439,7 @@ def _reason(row: Row, p: float, limit: float, detectable: float) -> str:
 def _pooled(
     members: Iterable[tuple[CellName, Row]],
 ) -> Iterator[tuple[CellName, Row]]:
-    """Mean of each study's normalised squared errors, relative to the prediction."""
+    """Mean normalised squared error of each study, relative to the prediction."""
     pools: dict[tuple[str, str], list[tuple[CellName, Row]]] = {}
     for cell, row in members:
         if row.check == "nees" and row.prediction:

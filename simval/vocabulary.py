@@ -76,6 +76,6 @@ SCENES: Final = ("gimbal", "die", "shaker", "pivot", "handheld", "cube", "freefa
 
 
 def builtin_suites() -> tuple[str, ...]:
-    """Names of the suites that are shipped with the package."""
+    """Names of the suites that come with the package."""
     folder = Path(__file__).parent / "sweep" / "suites"
     return tuple(sorted(path.stem for path in folder.glob("*.toml")))

@@ -192,7 +192,7 @@ def test_what_a_plan_says_that_helps_is_what_helps():
     found = plan(u, 0.003)
     more = plan(np.vstack([u, found.next_direction]), 0.003)
     gain = np.max(1.0 - more.sd / found.sd)
-    assert f"by {100.0 * gain:.2g} % at most" in str(found)
+    assert f"by up to {100.0 * gain:.2g} %" in str(found)
     for better in (plan(u, 0.0015), plan(np.tile(u, (4, 1)), 0.003)):
         np.testing.assert_allclose(better.sd, found.sd / 2.0, rtol=1e-9)
 
@@ -303,6 +303,7 @@ WORLD = World(
 def evaluation(name, nees=None, *, rms=0.01, truth=True, nis=None, rows=None, **more):
     """A filter with such verdicts, with truth or without."""
     world, motion = more.pop("world", WORLD), more.pop("motion", 0.0)
+    cautious = more.pop("cautious", False)
     of = {x: Rms(value=rms, sd=rms / 10, rows=100)
           for x in ("total", "heading", "inclination")}  # fmt: skip
     # errors that are as large all along, but for a sway by which blocks of time differ
@@ -314,7 +315,9 @@ def evaluation(name, nees=None, *, rms=0.01, truth=True, nis=None, rows=None, **
         | more,
     )  # fmt: skip
     return Made(
-        run=Made(name=name, motion=motion, how="declared: attitude in NWU"),
+        run=Made(
+            name=name, motion=motion, how="declared: attitude in NWU", cautious=cautious
+        ),
         truth=known if truth else None, nis=nis, rows=rows, white=None, published=(),
         at_rest=Made(drift=1e-4, inclination=1e-3, rests=3, settled=2),
         microseconds=2.0,
@@ -353,6 +356,26 @@ def test_no_filter_is_trusted_that_is_wrong(nees, answer, said, do):
     assert trusted.answer == answer
     assert said in trusted.headline
     assert do in trusted.do
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("innovations", "answer"),
+    [("consistent", "inconclusive"), ("underconfident", "fail")],
+)
+def test_no_filter_is_blamed_for_a_walk_that_is_a_limit(innovations, answer):
+    """It states what it was given; one that doubts its sensors, too, is to blame."""
+    nees, nis = square("underconfident", 0.5, 2.0), square(innovations, 2.8, 3.0)
+    drift = judged_once(np.ones(100))
+    six = evaluation("six", nees, nis=nis, cautious=True, free=True, drift=drift)
+    account = filters_account([six])
+    check_faces(account)
+    assert account.replies[1].answer == answer
+    assert "states 2 times its error" in account.replies[1].headline
+    limit = "is an upper limit" in account.replies[1].headline
+    assert (
+        limit == (answer == "inconclusive") == ("longer rest" in account.replies[1].do)
+    )
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -1,4 +1,4 @@
-"""What a result says, stated once: every face shows it, and none has words of its own.
+"""What a result says, stated once; each face shows it and adds no words of its own.
 
 An `Account` has no drawing and no layout: answers with what to do, values with their
 errors and limits, and facts. A result makes it. `terminal.lines`, `markdown.text`,
@@ -26,7 +26,7 @@ COARSE = 1e-4
 
 
 class Fact(NamedTuple):
-    """What was read, done or seen, under a label."""
+    """Something read, done or seen, under a label."""
 
     label: str
     words: str
@@ -34,7 +34,7 @@ class Fact(NamedTuple):
 
 
 class Remark(NamedTuple):
-    """A judgement of data: what was seen, its kind and numbers, and what to do."""
+    """A judgement of the data: its kind, what was seen, in numbers, and what to do."""
 
     kind: str
     words: str
@@ -45,7 +45,7 @@ class Remark(NamedTuple):
         return f"{self.words}. {self.do}" if self.do else self.words
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values."""
+        """Return the remark as plain JSON values."""
         return self._asdict() | {"numbers": dict(self.numbers)}
 
 
@@ -60,7 +60,7 @@ class Reply:
     lines: tuple[str, ...] = ()  # what the answer rests on
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values."""
+        """Return question and answer as plain JSON values."""
         return {
             "question": self.title, "answer": self.answer, "reason": self.headline,
             "do": self.do, "rests_on": list(self.lines),
@@ -69,11 +69,11 @@ class Reply:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
-    """A remark below the answers: words, and what is set apart below them."""
+    """A remark below the answers, printed as it stands or hidden in a fold."""
 
     words: str
     matrix: str = ""  # shown as it stands
-    lines: Sequence[str] = ()  # behind a fold with the words
+    lines: Sequence[str] = ()  # shown on request, below the words
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Quantity:
     answer: Answer | None = None  # of what judges it, which a face shows as a mark
 
     def spelled(self, *, fixed: bool = True) -> str:
-        """The number for a person, with a power of ten only if it is not `fixed`."""
+        """Spell the number for a person; `fixed` forbids a power of ten of its own."""
         if self.value is not None:
             return measured(self.value, self.sd or 0.0, fixed=fixed)
         if isfinite(self.high) or self.low > 0.0:
@@ -103,7 +103,7 @@ class Quantity:
         return isfinite(self.low) or isfinite(self.high) or self.least is not None
 
     def times(self, factor: float) -> "Quantity":
-        """The same in a smaller unit."""
+        """Return the quantity in a unit that is smaller by a factor."""
         value, sd, least = (
             None if x is None else factor * x for x in (self.value, self.sd, self.least)
         )
@@ -126,18 +126,18 @@ class Line:
 
     @property
     def head(self) -> str:
-        """Label and unit."""
+        """Label and unit of the line."""
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
     def shown(self, marks: Mapping[Answer, str]) -> list[str]:
-        """Its cells for a person, with the marks of a face."""
+        """Spell the cells, each with its name if it is `named`, and with its mark."""
         return [
             f"{each.name} {words}" if self.named else words
             for each, words in zip(self.cells, self.marked(marks), strict=True)
         ]
 
     def marked(self, marks: Mapping[Answer, str]) -> list[str]:
-        """Its numbers, each with the mark of what judges it."""
+        """Spell the cells, each with the mark of its answer if it was judged."""
         return [
             words if each.answer is None else f"{words} {marks[each.answer]}"
             for each, words in zip(self.cells, self.spelled, strict=True)
@@ -145,14 +145,14 @@ class Line:
 
     @property
     def spelled(self) -> list[str]:
-        """Its numbers in the unit."""
+        """Spell the cells in the line's unit."""
         return [
             each.times(self.factor).spelled(fixed=self.fixed) for each in self.cells
         ]
 
 
 def in_thousands(lines: Sequence[Line]) -> list[Line]:
-    """Lines of one quantity, with one power of ten in their unit if numbers are long.
+    """Move one power of ten into the unit of some lines if their numbers are long.
 
     The power is a multiple of three, by the largest of them.
     """
@@ -181,13 +181,13 @@ class Values:
 
     @property
     def folded(self) -> bool:
-        """True if they are shown on request only."""
+        """True if the table is shown on request only."""
         return bool(self.lines) and not any(each.notable for each in self.lines)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Account:
-    """What there is to say of one result."""
+    """Everything that there is to say of one result."""
 
     title: str  # what was done, before the name of its source
     source: str = ""  # name of the file or folder, never its place
@@ -200,22 +200,22 @@ class Account:
 
     @property
     def all_facts(self) -> tuple[Fact, ...]:
-        """What was read, and then the record."""
+        """The facts, and then the record."""
         return (*self.facts, *self.record)
 
     @property
     def name(self) -> str:
-        """What was done, and with what."""
+        """Title and source: what was done, and with what."""
         return f"{self.title} {self.source}".strip()
 
     @property
     def answer(self) -> Answer:
-        """The gravest answer."""
+        """The gravest of the answers."""
         return max((r.answer for r in self.replies), key=GRAVITY.index, default="pass")
 
     @property
     def warnings(self) -> tuple[Fact, ...]:
-        """What no face may leave out beside the answers."""
+        """The notable facts, which each face shows beside the answers."""
         every = [self.all_facts, *(each.facts for each in self.values)]
         return tuple(fact for facts in every for fact in facts if fact.notable)
 
@@ -228,13 +228,13 @@ class Account:
 
 
 class Told:
-    """A result that prints its account, and shows it in a notebook."""
+    """Base of a result that prints its account and shows it in a notebook."""
 
     __slots__ = ()
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the result."""
         raise NotImplementedError
 
     def __str__(self) -> str:

@@ -10,7 +10,7 @@ COLOURS = {"pass": "#118844", "inconclusive": "#8a6500", "fail": "#cc0022"}
 
 
 def fragment(account: Account) -> str:
-    """Answers and numbers; what they rest on is behind a fold."""
+    """Write the answers and numbers; what they rest on opens on a click."""
     parts = [f"<p><b>{escape(account.name)}</b> {escape(account.said)}</p>"]
     parts += _warnings(account.all_facts)
     for reply in account.replies:

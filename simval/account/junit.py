@@ -10,7 +10,7 @@ _NOT_XML: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U001
 
 
 def text(account: Account) -> str:
-    """XML of a suite, with a failure or an error for what is no good news.
+    """Write a test suite in XML: a failure for each No, an error for each doubt.
 
     Parameters
     ----------
@@ -43,5 +43,5 @@ def text(account: Account) -> str:
 
 
 def clean(words: str) -> str:
-    """Words without what no XML may have."""
+    """Remove the characters that XML does not allow."""
     return _NOT_XML.sub("\ufffd", words)

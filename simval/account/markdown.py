@@ -8,7 +8,7 @@ MARKS: Mapping[Answer, str] = {"pass": "✅", "inconclusive": "❔", "fail": "�
 
 
 def text(account: Account) -> str:
-    """The answers and the numbers; what they rest on is behind a fold."""
+    """Write the answers and numbers; what they rest on opens on a click."""
     found = [f"### {safe(account.name)}", ""]
     found += [safe(account.said), ""] if account.said else []
     found += _warnings(account.all_facts)
@@ -56,7 +56,7 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def safe(words: str) -> str:
-    """The words without markup: names come from data."""
+    """Escape what Markdown would take for markup, as names come from data."""
     for mark in "\\`*_[]<>|":
         words = words.replace(mark, f"\\{mark}")
     return " ".join(words.split())

@@ -12,14 +12,14 @@ WIDTH = 100
 LABEL = 18
 """Columns of the label of a fact."""
 MARKS: Mapping[Answer, str] = {"pass": "✓", "inconclusive": "?", "fail": "!"}
-Style = Callable[[str, str], str]  # words, and what they are
+Style = Callable[[str, str], str]  # text, and its role
 _TOGETHER = re.compile(r" (?=[±%°<>=]|\d{3}\b)|(?<=[±<>=]) ")
 """Blanks at which no line ends: in ``a ± b``, ``7 980``, ``p = 0.5`` and ``5 %``."""
 _LONG = ("", "value", "sd", " 95 % from", "to", "least sd")
 
 
 def plain(words: str, _: str) -> str:
-    """No colour."""
+    """Return the words without colour."""
     return words
 
 
@@ -31,7 +31,7 @@ def lines(
     style: Style = plain,
     spell: Callable[[str], str] = str,
 ) -> list[str]:
-    """Lines of so many columns at most.
+    """Write an account in lines of at most so many columns.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def lines(
 
 
 def folded(words: str, width: int, indent: int, begin: str = "") -> list[str]:
-    """Words in lines with an indent, the first of which begins otherwise."""
+    """Wrap words to a width, with an indent; the first line may begin otherwise."""
     room = width - max(indent, len(begin))
     kept = [  # what is longer than a line ends at any blank
         each if len(each) <= room else each.replace("\u00a0", " ")

@@ -1,4 +1,4 @@
-"""Check of a single plug-in, in seconds: measured in two cells, judged by the gate.
+"""Check of a single plug-in within seconds: two cells, judged by the gate's rules.
 
 `check_plugin` takes what a command line names and measures it as a sweep does, in a run
 folder that goes again; `check_function` takes a function that only this process has.

@@ -41,7 +41,7 @@ from simval.verdict import WORST_FIRST
 
 
 def advice_on(finding: Finding) -> str:
-    """Advice on a failure; empty where its reason says it."""
+    """Advice on a failure; empty where its reason gives it already."""
     if finding.answer != "fail" or not finding.statistic:
         return ""
     words = advice(finding.study, finding.statistic.partition("[")[0])
@@ -61,7 +61,7 @@ CRASH = f"{CrashedPluginError.__module__}.{CrashedPluginError.__qualname__}: "
 
 
 def account_of(checked: Checked) -> Account:
-    """State what was checked: whether it is right, why, and what to do.
+    """State the result of a check: whether the plug-in is right, why, and what to do.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def account_of(checked: Checked) -> Account:
 def _part(
     result: GateResult, names: Container[str], *, inside: bool = True
 ) -> GateResult:
-    """The result of some cells, or of all others."""
+    """Select the results of the named cells, or of all other cells."""
 
     def of(cell: Any) -> bool:
         return (cell.name in names) == inside
@@ -131,7 +131,7 @@ def _part(
 def _plugin(
     checked: Checked, plugin: Meant, result: GateResult
 ) -> tuple[Reply, Values]:
-    """Answer of one plug-in, and its table."""
+    """Answer for one plug-in, and the table of its values."""
     name, study = one_line(plugin.name), plugin.field.partition(".")[0]
     cells = checked.of(plugin)
     done = [cell for cell in cells if cell.status == "done"]
@@ -184,12 +184,12 @@ def _kind(study: str) -> str:
 
 
 def _sentence(words: str) -> str:
-    """Words as a sentence."""
+    """Make a sentence of some words: a capital first, and one full stop."""
     return f"{words[0].upper()}{words[1:].removesuffix('.')}."
 
 
 def _said(finding: Finding) -> str:
-    """What was not measured, and why."""
+    """Say why something was not measured, of the plug-in instead of the cell."""
     return (
         finding.reason.replace(CRASH, "")
         .replace("the cell was", "it was")
@@ -198,7 +198,7 @@ def _said(finding: Finding) -> str:
 
 
 def _off(finding: Finding, checked: Checked) -> str:
-    """What does not pass, by its number."""
+    """Say by how much a value is off."""
     cell = _cell(checked, finding.cell)
     row = next(
         (row for row in (cell.rows if cell else ())
@@ -213,7 +213,7 @@ def _off(finding: Finding, checked: Checked) -> str:
 
 
 def _lines_of(bad: Mapping[Finding, int], checked: Checked) -> Iterator[str]:
-    """Each kind of what does not pass, in full."""
+    """Describe each kind of failure in full, a line each."""
     for finding, more in bad.items():
         cell = _cell(checked, finding.cell)
         done = cell is not None and cell.status == "done"
@@ -225,7 +225,7 @@ def _lines_of(bad: Mapping[Finding, int], checked: Checked) -> Iterator[str]:
 
 
 def _fails_at(cell: CellResult) -> Iterator[Fact]:
-    """Classes of attitudes at which it fails, each with its share."""
+    """Name the classes of attitudes at which it fails, with the share of failures."""
     rows = [row for row in cell.rows if row.statistic.family == FAILURES]
     shares = {
         row.statistic.entries[0]: f"{100.0 * row.value:.3g} %"
@@ -243,7 +243,7 @@ def _fails_at(cell: CellResult) -> Iterator[Fact]:
 
 
 def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[Line]:
-    """Each family: of each cell what is worst, and its answer."""
+    """Make a line for each family of statistics: the worst value of each cell."""
     found = [_families(cell, judged, _varied(cell, cells)) for cell in cells]
     families = dict.fromkeys(each for column in found for each in column)
     shown = {
@@ -280,14 +280,14 @@ def _varying(cells: Sequence[CellResult]) -> list[str]:
 
 
 def _varied(cell: CellResult, cells: Sequence[CellResult]) -> str:
-    """Parameters that distinguish a cell from the others."""
+    """Values of the parameters in which a cell differs from the others."""
     return ", ".join(f"{key} {cell.parameters[key]}" for key in _varying(cells))
 
 
 def _families(
     cell: CellResult, judged: Sequence[Finding], where: str
 ) -> dict[Family, Quantity]:
-    """The worst member of each family of a cell, in the order of its rows."""
+    """The worst value of each family of a cell, in the order of its rows."""
     name = one_line(cell.name)
     answers = {
         (f.statistic, f.against): None if f.wide else f.answer
@@ -316,7 +316,7 @@ def _families(
 
 
 def _badness(row: Row) -> tuple[bool, float]:
-    """How bad a value is beside others; its size where neither way is better."""
+    """Sort key: NaN first, then the loss, or the size where no direction is better."""
     found = loss(row.statistic, row.value, row.prediction)
     # a NaN is worse than any number: it must be seen
     return row.value != row.value, abs(row.value) if found != found else found
@@ -334,7 +334,7 @@ def _unit(rows: Sequence[Row]) -> str:
 
 
 def _distinct(bad: Sequence[Finding]) -> dict[Finding, int]:
-    """The first finding of each family and cell, and how many more there are of it.
+    """The first finding of each family and cell, and how many others are like it.
 
     What is said of one cell is not said again of another.
     """
@@ -350,7 +350,7 @@ def _distinct(bad: Sequence[Finding]) -> dict[Finding, int]:
 
 
 def _of_same(cell: CellResult, checked: Checked) -> Sequence[CellResult]:
-    """Cells of the same plug-in."""
+    """All cells of the plug-in to which a cell belongs."""
     groups = (checked.of(plugin) for plugin in checked.plugins)
     return next((group for group in groups if cell in group), ())
 
@@ -364,7 +364,7 @@ VERSION = 1
 
 
 def to_json(checked: Checked) -> str:
-    """Write a check as JSON: the answer, and of each plug-in every number judged."""
+    """Write a check as JSON: the answer, and every number of each plug-in."""
     result = checked.result
     judged = findings(result)
     answers = {(f.cell.name, f.statistic, f.against): f for f in judged}
@@ -416,5 +416,5 @@ def _document_of(
 
 
 def _number(value: Any) -> Any:
-    """A value that JSON has: what is not finite is null."""
+    """The value, or None (null in JSON) for a number that is not finite."""
     return None if isinstance(value, float) and not isfinite(value) else value

@@ -106,7 +106,7 @@ _FORM = re.compile(r"\s*([^<>]*?)\s*([<>])\s*([-+.\deE]+)\s*(\S*)\s*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """Limit that a statistic must keep."""
+    """A limit that the user sets for a statistic."""
 
     text: str
     statistic: str
@@ -115,12 +115,12 @@ class Limit:
     unit: str  # of the number; `BOUNDS`, or empty where it is not said
 
     def of(self, row: Row) -> bool:
-        """True if the limit applies to this row."""
+        """True if the limit is about this row."""
         named = self.statistic in (str(row.statistic), row.statistic.family.name)
         return named and (self.unit != BOUNDS or _has_bound(row))
 
     def missed(self, row: Row) -> str:
-        """Say what a row has, if that is beyond the limit."""
+        """Say what value a row has, if it breaks the limit; else nothing."""
         bounds = self.unit == BOUNDS
         if self.unit and not bounds and self.unit != row.unit:
             msg = f"limit {self.text!r}: {row.statistic} has the unit {row.unit}"
@@ -132,12 +132,12 @@ class Limit:
 
 
 def _has_bound(row: Row) -> bool:
-    """True if the prediction is a bound on the value."""
+    """True if the row's prediction is the Cramér-Rao bound on its value."""
     return row.predictor == CRAMER_RAO and row.statistic.family != BELOW_BOUND
 
 
 def limit_of(text: str) -> Limit:
-    """Read a limit."""
+    """Read a limit from its text."""
     found = _FORM.fullmatch(str(text))
     try:
         name, sign, number, unit = found.groups() if found else ("", "", "", "")
@@ -154,7 +154,7 @@ def limit_of(text: str) -> Limit:
 
 
 def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterator[str]:
-    """Say which limits are missed, where, and by what."""
+    """Say which limits are broken, in which cell, and with what value."""
     done = [cell for cell in cells if cell.status == "done"]
     for limit in map(limit_of, limits):
         rows = [(cell, row) for cell in done for row in cell.rows if limit.of(row)]
@@ -179,7 +179,7 @@ def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterato
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked(Told):
-    """Some plug-ins, measured and judged."""
+    """The result of a check of some plug-ins."""
 
     plugins: tuple[Meant, ...]  # what each is called, and what it declares
     cells: tuple[CellResult, ...]  # what was measured of them
@@ -188,7 +188,7 @@ class Checked(Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the check."""
         from simval.check.explanation import account_of  # which is of this
 
         return account_of(self)
@@ -264,7 +264,7 @@ UNSETTLED: Final = (
 
 
 def _judged(run: Run, baseline: Mapping[str, Any] | None, alpha: float) -> GateResult:
-    """Judge as the gate does, but what cubature cannot tell was not measured."""
+    """Judge as the gate does, and count what cubature left open as not measured."""
     result = judge_run(run, baseline, alpha)
     unsettled = [pair for pair in result.outside if pair[1].predictor == CUBATURE]
     gaps = [Gap(cell=cell, reason=UNSETTLED) for cell in dict(unsettled)]
@@ -351,7 +351,7 @@ def check_function(
 def _sorted_out(
     kind: type[Held], study: str, words: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Declarations, and settings."""
+    """Separate the keywords of a fixture into declarations and settings."""
     own = {each.name for each in fields(kind)} - {kind.runs}
     parameters = STUDIES[study].parameters
     set_by = set(parameters.model_fields) - {parameters.plugin, "time_limit"}

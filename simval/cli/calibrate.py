@@ -254,15 +254,16 @@ def command(
 
 @contextmanager
 def refusing_rests(log: Log) -> Iterator[None]:
-    """As `refusing`, and say what a log without rests is good for."""
+    """As `refusing`; where there are no rests, suggest the magnetometer alone."""
     try:
         with refusing(log):
             yield
     except RefusedError as error:
         if log.magnetometer is not None:
             error.add_note(
-                "magnetometer      alone it needs no rests, only turns to all sides: "
-                "--columns with its own names and the clock's"
+                "magnetometer      calibrated alone it needs no rests, only turns to "
+                "all sides: name the clock and mx,my,mz in --columns, and - for the "
+                "others"
             )
         raise
 
@@ -270,7 +271,7 @@ def refusing_rests(log: Log) -> Iterator[None]:
 def gravity_of(
     g: float, std: float | None, latitude: float | None, height: float | None
 ) -> Gravity:
-    """Gravity as it is stated, or that of the place."""
+    """Gravity as stated, or that of the stated latitude and height."""
     from simval.imu.calibrate.gravity import Gravity, local_gravity
 
     if latitude is None and height is None:
@@ -301,7 +302,7 @@ def labels_of(given: tuple[str, ...]) -> dict[str, str]:
 
 
 def rests_of(words: str) -> list[float]:
-    """Numbers of rests, whole ones, and times within them, with a point."""
+    """Read which rests are meant: whole numbers, or times with a decimal point."""
     values = numbers("--leave-out", words, "of rests, as 7,11, or s, as 74.0")
     written = words.split(",")
     return [
@@ -322,7 +323,7 @@ def without_rests(
     as_json: bool,
     verbose: bool,
 ) -> None:
-    """Calibrate a table of means, or a magnetometer in motion; print and write it."""
+    """Calibrate from a table of means, or a magnetometer in motion; print and write."""
     from simval.imu.calibrate import calibrate
     from simval.imu.calibrate.files import write_json
     from simval.imu.multiposition.description import with_log
@@ -360,7 +361,7 @@ _OF_ROWS = (*_OF_RESTS, "leave_out", "hemisphere", "residual", "loss")
 
 
 def refuse_rests(*, means: bool) -> None:
-    """Refuse options that are for rests, beside means or rows in motion."""
+    """Refuse the options that only make sense for a log with rests."""
     why = "`--means` states that each row is a mean"
     if not means:
         why = "a magnetometer alone is calibrated by its rows in motion"
@@ -374,7 +375,7 @@ def refuse_rests(*, means: bool) -> None:
 
 
 def rows_of(log: Log, whole: LogCalibration, *, find: bool) -> RowEvidence | None:
-    """What the calibrated log says of its gyroscope's rows; None without any."""
+    """Find what the calibrated log says about the timing of its gyroscope's rows."""
     import numpy as np
 
     from simval.imu.recorded.rows import judged_rows, row_centre
@@ -389,7 +390,7 @@ def rows_of(log: Log, whole: LogCalibration, *, find: bool) -> RowEvidence | Non
 
 
 def tried(result: LogCalibration, log: Log) -> list[str]:
-    """List what was tried for rests that misfit, with its odds."""
+    """List the explanations that were tried for a misfit, each with its odds."""
     judgement = result.diagnosis.judgement
     middle = log.time[result.intervals.sum(axis=1) // 2]
     return [] if judgement is None else ["", *judgement.runners_up(middle)]
@@ -403,7 +404,7 @@ def listed(words: str) -> list[str]:
 def parameter_files(
     to: Sequence[tuple[str, Path]], log: Log, whole: LogCalibration
 ) -> list[str]:
-    """Write the parameters of each project, and return what it cannot hold."""
+    """Write the parameters for each project; return notes on what is left out."""
     notes = []
     for name, file in to:
         from simval.imu.multiposition.parameters import parameters_of

@@ -153,7 +153,7 @@ def _algorithms(
 def _times_of(
     found: AlgorithmComparison, calls: Mapping[str, Mapping[str, float]]
 ) -> float | None:
-    """Ratio of the times of a call, the median over the cells of both."""
+    """Ratio of the times of a call, the median over the cells that both have."""
     pairs = {merit.cells for merit in found.merits}
     ratios = sorted(
         calls[a]["ratio"] / calls[b]["ratio"]

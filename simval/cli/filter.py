@@ -238,7 +238,7 @@ def truth_of(
     rate: float | None,
     instance: str | None,
 ) -> Truth | None:
-    """Recorded attitudes: columns of the log, a file of their own, or none."""
+    """Read the true attitudes from columns of the log or a file; None without."""
     from simval.imu.logs import read_truth
 
     if truth is not None and truth != "log" and Path(truth).exists():
@@ -267,7 +267,7 @@ def _offered(path: Path, instance: str | None) -> tuple[str, ...]:
 
 
 def filters_of(plugins: Sequence[str]) -> dict[str, str]:
-    """Words that mean one filter each, by the names that they are called in a table.
+    """Name each filter as a table calls it, with the word that loads it.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def run_on_log(
     time_limit: float,
     alignment: Alignment | None = None,
 ) -> FilterRun:
-    """Run a filter over a log, in a child process, and give its answers a name.
+    """Run one filter over a log in a child process.
 
     Raises
     ------
@@ -347,6 +347,7 @@ def run_on_log(
         thinned=stride > 1,
         told=start.of_nis(filter.reads, 1 + filter.magnetometer),
         motion=start.motion,
+        cautious=start.limit and "gyroscope_walk" in filter.reads,
     )
 
 
@@ -354,7 +355,7 @@ def _require_six(filter: Filter) -> None:
     unknown = {"field", "magnetometer_noise"}.intersection(filter.reads)
     if filter.magnetometer:
         msg = (
-            f"{filter.name} takes a magnetometer and the log has none; give a "
+            "it takes a magnetometer and the log has none; give a "
             "filter of six axes (simval:mekf-six, or your own with "
             "magnetometer=False), or name the columns of the magnetometer "
             "(--columns)"
@@ -362,7 +363,7 @@ def _require_six(filter: Filter) -> None:
         raise UnusablePluginError(msg)
     if unknown:
         msg = (
-            f"{filter.name} reads `{'`, `'.join(sorted(unknown))}`, which a log "
+            f"it reads `{'`, `'.join(sorted(unknown))}`, which a log "
             "without a magnetometer cannot give; take them out of its `reads`"
         )
         raise UnusablePluginError(msg)

@@ -129,7 +129,7 @@ def command(
 
 
 def _print_samples(result: GateResult) -> None:
-    """Print how many samples the verdicts need, and how many the run spends."""
+    """Print how many samples the verdicts need, and how many the run took."""
     from rich.console import Console
     from rich.table import Table
 
@@ -186,7 +186,7 @@ def _update(path: Path, run: Run, reason: str, stated: Sequence[str]) -> None:
 
 
 def _reasons(kinds: Mapping[str, Any], given: Mapping[str, str]) -> dict[str, str]:
-    """A reason for each kind that moved: as stated, or asked for on a terminal."""
+    """A reason for each kind that moved: as given, or asked for on a terminal."""
     missing = [kind for kind in kinds if kind not in given]
     if missing and not sys.stdin.isatty():
         options = "\n".join(
@@ -271,7 +271,7 @@ def _counts(result: GateResult) -> Table:
 
     from simval.judge import findings
 
-    table = Table(title="verdicts")
+    table = Table(title="Findings of each kind by their answer")
     answers = ("pass", "fail", "inconclusive", "wide")
     for heading in ("study", "tier", "check", *answers):
         table.add_column(heading)

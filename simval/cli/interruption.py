@@ -10,24 +10,24 @@ from types import FrameType
 
 
 class Interruption:
-    """Handler of signals that remembers that it was called."""
+    """Handler of a signal that remembers having been called."""
 
     def __init__(self) -> None:
         self.asked = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Note the signal, and raise."""
+        """Remember the call, and raise KeyboardInterrupt."""
         self.asked = True
         raise KeyboardInterrupt
 
     def heed(self) -> None:
-        """Raise again what was dropped."""
+        """Raise KeyboardInterrupt again, in case somebody swallowed the first one."""
         if self.asked:
             raise KeyboardInterrupt
 
 
 def watch() -> Interruption:
-    """Install a handler; a Ctrl-C that the shell lets a program ignore stays so."""
+    """Install the handler, but not for a Ctrl-C that the shell has made ignored."""
     handler = Interruption()
     # a polite end, as by a batch system, is an interruption like Ctrl-C
     signal.signal(signal.SIGTERM, handler)
@@ -37,7 +37,7 @@ def watch() -> Interruption:
 
 
 def heed() -> None:
-    """Raise what the handler has noted, if there is one and it was dropped."""
+    """Raise KeyboardInterrupt if a signal came and its exception was swallowed."""
     handler = signal.getsignal(signal.SIGTERM)
     if isinstance(handler, Interruption):
         handler.heed()

@@ -1,4 +1,4 @@
-"""Modules that nobody uses, imported when somebody does."""
+"""Parts of NumPy that most commands never need, imported on first use."""
 
 import importlib.util
 import sys
@@ -10,7 +10,7 @@ UNUSED = ("f2py", "testing", "random")
 
 
 def postpone() -> None:
-    """Let modules of `UNUSED` run at the first look into them."""
+    """Delay the import of the modules in `UNUSED` until somebody reads from them."""
     for name in UNUSED:
         spec = importlib.util.find_spec(f"numpy.{name}")
         if spec is None or spec.loader is None or spec.name in sys.modules:

@@ -98,7 +98,7 @@ def _parameter(own: Parameter, hint: Any) -> click.Parameter:
 
 
 def _noted(hint: Any) -> tuple[Any, list[Any]]:
-    """The plain type of an annotation, and its notes."""
+    """The plain type of an annotation, and the notes in its `Annotated`."""
     if get_origin(hint) is Annotated:
         kind, *notes = get_args(hint)
         plain, inner = _noted(kind)
@@ -109,14 +109,14 @@ def _noted(hint: Any) -> tuple[Any, list[Any]]:
 
 
 class Whole(click.IntRange):
-    """A whole number within its limits: 100000, 1e5."""
+    """A whole number within limits; 100000 may be written 1e5."""
 
     name = "integer"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> int:
-        """Convert, and refuse what would be rounded."""
+        """Read a whole number, and refuse one that would have to be rounded."""
         number = read_whole(value) if isinstance(value, str) else as_whole(value)
         if number is None:
             self.fail(f"{shown(value)} is not a whole number.", param, ctx)
@@ -124,12 +124,12 @@ class Whole(click.IntRange):
 
 
 class Number(click.FloatRange):
-    """A number within its limits, where NaN is not."""
+    """A number within limits, which NaN never is."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Convert, and refuse NaN, which click does not compare."""
+        """Read a number, and refuse NaN, which click does not compare."""
         number = float(super().convert(value, param, ctx))
         if number != number:
             self.fail(f"{value} is not a number.", param, ctx)
@@ -142,7 +142,7 @@ class _Positive(click.types.FloatParamType):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Convert, and refuse zero, what is below it, NaN and infinity."""
+        """Read a number, and refuse what is not finite and above zero."""
         number = float(super().convert(value, param, ctx))
         if not 0.0 < number < float("inf"):
             self.fail(f"{value} is not a finite number above 0.", param, ctx)
@@ -150,7 +150,7 @@ class _Positive(click.types.FloatParamType):
 
 
 class Numbers(click.ParamType[tuple[float, ...]]):
-    """Finite numbers between commas, as many as its name has: X,Y,Z."""
+    """Finite numbers between commas, as many as the name lists: X,Y,Z."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -166,18 +166,18 @@ class Numbers(click.ParamType[tuple[float, ...]]):
 
 
 class _Gravity(click.types.FloatParamType):
-    """Gravity in m/s^2, with a warning if it occurs nowhere on Earth."""
+    """Gravity in m/s^2, with a warning if it occurs nowhere on the Earth."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Convert, and say what is not of the Earth."""
+        """Read gravity, and warn if it occurs nowhere on the Earth."""
         g = float(super().convert(value, param, ctx))
         if g > 0.0 and not EARTH[0] <= g <= EARTH[1]:
             click.echo(
                 f"warning: `--g` is {g:g} m/s^2, and gravity on the Earth is "
                 f"{EARTH[0]} to {EARTH[1]}: unless the sensor is elsewhere, scales are "
-                f"then {g / EARTH[1]:.2g} times too large; state it in m/s^2",
+                f"then {g / EARTH[1]:.2g} times what they should be; state it in m/s^2",
                 err=True,
             )
         return g
@@ -200,7 +200,7 @@ def scenes(
 def studies(
     context: click.Context, parameter: click.Parameter, word: str
 ) -> list[CompletionItem]:
-    """Studies with the dot that their key follows."""
+    """Names of studies, each with the dot that comes before a parameter."""
     return _fitting([f"{study}." for study in STUDIES], word, or_files=False)
 
 
@@ -318,12 +318,12 @@ Alpha = Annotated[
 
 
 def refusing(log: "Log") -> AbstractContextManager[None]:
-    """Within it an error says what had been taken of the log, too."""
+    """Add to an error raised inside which columns and units were read from the log."""
     return noting(lambda: [*log.described(), log.unit_line()])
 
 
 def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":
-    """A log whose gyroscope's rows are as stated; before, until they are found."""
+    """The log with its gyroscope's rows as stated; `before` until they are found."""
     from simval.imu.logs import Rows
 
     if log.gyro is None and (kind != "found" or delay_ms):
@@ -375,7 +375,7 @@ def numbers(option: str, words: str, unit: str) -> list[float]:
 
 
 def command_again() -> str:
-    """Words of the running command: what was given, in the order of its help.
+    """The running command as it could be typed again.
 
     Pages are shared, so a path is shown by its name alone.
     """
@@ -404,7 +404,7 @@ def _words(parameter: click.Parameter, value: Any) -> list[str]:
 
 
 def _shown(value: Any) -> str:
-    """A value as it is typed; of a path its name, wherever it is."""
+    """A value as it is typed; a path by its name alone, as pages are shared."""
     if isinstance(value, Path):
         return value.name
     text = str(value)

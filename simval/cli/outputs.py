@@ -41,7 +41,7 @@ class Command(click.Command):
     """A command that refuses to write over what it reads."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Look at the outputs, then do what the command does."""
+        """Refuse outputs that would destroy an input, then run the command."""
         require_apart(self, ctx.params)
         return super().invoke(ctx)
 
@@ -74,7 +74,7 @@ def require_apart(command: click.Command, values: Mapping[str, Any]) -> None:
 
 
 def step_summary(text: str) -> None:
-    """Append Markdown to the summary of a step, in a GitHub workflow."""
+    """Append Markdown to the step summary of a GitHub workflow."""
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     if summary:
         require_free(Path(summary), "GITHUB_STEP_SUMMARY")
@@ -87,7 +87,7 @@ def step_summary(text: str) -> None:
 
 
 def require_free(path: Path, option: str = "--out") -> None:
-    """Refuse to write over what a run folder has of its own."""
+    """Refuse to write over one of the files that a run folder consists of."""
     for place in (path.absolute(), _real(path)):
         for folder in place.parents:
             name = place.relative_to(folder).parts[0]
@@ -100,7 +100,7 @@ def require_free(path: Path, option: str = "--out") -> None:
 
 
 def beside_store(folder: Path, name: str) -> Path:
-    """A file to write in a run folder; a link there may lead anywhere."""
+    """Path of a file in a run folder; refuse it if it is no regular file."""
     path = folder / name
     for each in (path, path.with_name(f"{name}.part")):
         if os.path.lexists(each) and not stat.S_ISREG(each.lstat().st_mode):
@@ -113,7 +113,7 @@ def beside_store(folder: Path, name: str) -> Path:
 
 
 def _each(value: Any) -> Iterator[str]:
-    """The words of the value of an option."""
+    """Each word in the value of an option."""
     if isinstance(value, str | Path):
         yield str(value)
     elif isinstance(value, tuple | list):
@@ -122,7 +122,7 @@ def _each(value: Any) -> Iterator[str]:
 
 
 def _files(word: str) -> Iterator[Path]:
-    """The files that a word may name: a file, FILE.py:NAME, a run, a folder of runs."""
+    """Files that a word may mean: a file, FILE.py:NAME, or the files of runs."""
     paths = [Path(word), Path(word.rpartition(":")[0])]
     if word == "latest":
         paths += [store.parent for store in RUNS.glob(f"*/{STORE}")]

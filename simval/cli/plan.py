@@ -195,7 +195,7 @@ def thermal_plan(
     g: float,
     sensor: object,
 ) -> ThermalPlan:
-    """Which pose to take at which temperature."""
+    """Plan which pose to take at which temperature."""
     from simval.theory.thermal import plan_thermal
 
     refuse_if(
@@ -209,7 +209,7 @@ def thermal_plan(
 
 
 def thermal_object(found: ThermalPlan) -> dict[str, Any]:
-    """The plan over temperature as JSON can hold it."""
+    """The plan over temperature as plain JSON values."""
     return {
         "directions": found.directions.tolist(),
         "temperatures": found.temperatures.tolist(),
@@ -224,7 +224,7 @@ def noise_of(
     velocity_random_walk: float | None = None,
     hold: float | None = None,
 ) -> float:
-    """Noise of a pose mean, from the options."""
+    """Noise of a pose mean, as the options state it."""
     from simval.theory.plans import pose_noise
 
     others = (noise_density, velocity_random_walk, hold)

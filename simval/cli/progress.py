@@ -51,19 +51,19 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 class Quiet(runner.Progress):
-    """A progress that says nothing, and stops a sweep whose Ctrl-C was dropped."""
+    """Progress that prints nothing; a Ctrl-C that was swallowed is raised again."""
 
     def advance(self, name: str) -> None:
-        """Say nothing."""
+        """Print nothing; raise a Ctrl-C that was swallowed."""
         heed()
 
     def tell(self, words: str) -> None:
-        """Say what became of a worker: silence would hide it."""
+        """Print what became of a worker, which must not go unnoticed."""
         click.echo(words, err=True)
 
 
 class CellBar(runner.Progress):
-    """Progress of a sweep: how many cells, how long still, which are at work.
+    """Progress of a sweep: cells done, time left, and the cells being computed.
 
     On a terminal a line that is drawn again; elsewhere a line now and then. Used as a
     context.
@@ -89,7 +89,7 @@ class CellBar(runner.Progress):
             self._line = Line(total, done, self._words)
 
     def expect(self, cells: Sequence[Cell], workers: int | None) -> None:
-        """Note the cells to come; how many run at once is not known of a cluster."""
+        """Note the cells to come, and the workers; a cluster does not say how many."""
         self._label = labelling(cells)
         if workers is not None:
             with self._lock:
@@ -106,11 +106,11 @@ class CellBar(runner.Progress):
         heed()
 
     def tell(self, words: str) -> None:
-        """Say what became of a worker, on a line of its own."""
+        """Print what became of a worker, on a line of its own."""
         self._line.tell(words)
 
     def _words(self) -> str:
-        """Text behind the count of cells."""
+        """Text after the count of cells."""
         with self._lock:
             words = [f"{self._done} of {counted(self._total, 'cell')}"]
             if self._left is not None and self._done < self._total:
@@ -123,7 +123,7 @@ class CellBar(runner.Progress):
 
 
 class Line:
-    """A line of a terminal, drawn again while cells are at work."""
+    """A progress bar on a terminal, redrawn while cells are computed."""
 
     def __init__(self, total: int, done: int, words: Callable[[], str]) -> None:
         self._bar = Progress(
@@ -141,32 +141,32 @@ class Line:
         signal.pthread_sigmask(signal.SIG_SETMASK, masked)
 
     def show(self, done: int, words: Callable[[], str]) -> None:
-        """Note how many are done; the line is drawn ten times a second."""
+        """Note how many cells are done; the bar is redrawn ten times a second."""
         self._bar.update(self._task, completed=done)
 
     def tell(self, words: str) -> None:
-        """Write a line above."""
+        """Print a line above the bar."""
         self._bar.console.print(words, markup=False)
 
     def close(self, words: str) -> None:
-        """Draw the line for the last time."""
+        """Draw the bar for the last time."""
         self._bar.stop()
 
 
 class _Words(ProgressColumn):
-    """Text after the bar, made when it is drawn."""
+    """Text after the bar, made anew each time it is drawn."""
 
     def __init__(self, words: Callable[[], str]) -> None:
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
         self._words = words
 
     def render(self, task: Task) -> Text:
-        """Ask for it."""
+        """Return the text of the moment."""
         return Text(self._words(), overflow="ellipsis", no_wrap=True)
 
 
 class Log:
-    """Lines in a file: the first at once, then ever more rarely, and the last."""
+    """Progress as lines in a file: the first at once, later ones ever farther apart."""
 
     def __init__(self) -> None:
         self._began = time.monotonic()
@@ -174,7 +174,7 @@ class Log:
         self._said = ""
 
     def show(self, done: int, words: Callable[[], str]) -> None:
-        """Write a line, if the last one is old enough."""
+        """Write a line, unless the last one is too recent."""
         now = time.monotonic()
         if now >= self._next:
             pause = SHARE * (now - self._began)
@@ -182,7 +182,7 @@ class Log:
             self._say(words())
 
     def tell(self, words: str) -> None:
-        """Write a line of its own."""
+        """Write a line about a worker."""
         click.echo(words, err=True)
 
     def close(self, words: str) -> None:
@@ -197,7 +197,7 @@ class Log:
 
 
 def labelling(cells: Sequence[Cell]) -> Callable[[Cell], str]:
-    """Function that gives a cell its short name: the study, and what varies in it."""
+    """Return a function that names a cell by its study and what varies in it."""
     values: dict[str, dict[str, set[str]]] = {}
     seeds = set()
     for cell in cells:
@@ -219,7 +219,7 @@ def _label(cell: Cell, values: Mapping[str, set[str]], seeds: bool) -> str:
 
 
 class TimeLeft:
-    """Follows cells that begin in their order and end in any."""
+    """Estimate of the time left; cells start in order and may end in any order."""
 
     def __init__(self, cells: Sequence[Cell], workers: int, now: float) -> None:
         self._waiting = {
@@ -232,7 +232,7 @@ class TimeLeft:
         self._begin(now)
 
     def end(self, name: str, now: float) -> None:
-        """Note that a cell has ended, and that the next one begins."""
+        """Note that a cell has ended and the next one has started."""
         if name in self._running:
             _, cost, began = self._running.pop(name)
             self._taken += now - began
@@ -242,7 +242,7 @@ class TimeLeft:
         self._begin(now)
 
     def running(self) -> tuple[Cell, ...]:
-        """The cells at work, the first one first."""
+        """The cells being computed, in the order in which they started."""
         return tuple(cell for cell, _, _ in self._running.values())
 
     def seconds(self, now: float) -> float:
@@ -260,7 +260,7 @@ class TimeLeft:
 
 
 def told(seconds: float) -> str:
-    """A time left in words: rounded, as it is an estimate."""
+    """Spell the time left, rounded because it is an estimate."""
     if seconds < 10.0:
         return "a few seconds"
     if seconds < 90.0:

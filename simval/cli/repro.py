@@ -128,7 +128,7 @@ def rounded(value: float, error: float) -> str:
 
 
 def apart(row: Row) -> str:
-    """Distance of a row from its prediction, in standard errors where it has one."""
+    """Distance of a row from its prediction, in standard errors where it has any."""
     if row.prediction is None or row.check == "limit":
         return ""
     difference = row.value - row.prediction
@@ -138,7 +138,7 @@ def apart(row: Row) -> str:
 
 
 def beside_theory(rows: Iterable[Row]) -> list[str]:
-    """Lines of a table: measured and predicted values."""
+    """Lines of a table with measured and predicted values."""
     return columns([HEADS, *map(_entries, rows)], -1, 1, 1, 1, 1, -1)
 
 

@@ -190,7 +190,7 @@ def _path_lines(trajectory: Trajectory) -> list[str]:
 
 
 def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Parameters that words KEY=VALUE set."""
+    """Read the parameters that KEY=VALUE words set."""
     from simval.scene import find_scene
 
     known = [*find_scene(name).parameters(), *COMMON]
@@ -214,7 +214,7 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
 def read(
     imu: ImuModel, trajectory: Trajectory, every: int, seed: int, rows: Rows
 ) -> ImuReadings:
-    """Readings of a run's kept rows, with noise of a seed."""
+    """Simulate the readings of a trajectory's rows with the noise of a seed."""
     from simval.imu.sensor import read_imu
     from simval.scene.trajectory import motion_of
     from simval.streams import cell_key, stream
@@ -224,7 +224,7 @@ def read(
 
 
 def stopped(readings: ImuReadings | None) -> list[str]:
-    """Warnings about readings that saturate at the end of a range."""
+    """Warn of readings that saturate at the end of a sensor's range."""
     import numpy as np
 
     if readings is None:

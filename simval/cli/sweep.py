@@ -42,7 +42,7 @@ def command(
     suite: Annotated[str, dict(shell_complete=suites)] = "accuracy",
     out: Annotated[
         OutFolder | None,
-        "Folder of the run, new or empty.  [default: one under reports/runs]",
+        "Folder of the run; the command makes it.  [default: one under reports/runs]",
     ] = None,
     workers: Annotated[
         int,
@@ -153,7 +153,7 @@ def command(
 
 
 def _tell(folder: Path, suite: Suite, seconds: float, *, quiet: bool) -> int:
-    """Say what became of the cells and what to do next; give the exit code."""
+    """Print what became of the cells and what to do next; return the exit code."""
     from simval.cli.terminal import show
     from simval.judge import judge_run
     from simval.judge.result_lines import Failures, run_account
@@ -179,7 +179,7 @@ def _tell(folder: Path, suite: Suite, seconds: float, *, quiet: bool) -> int:
 
 
 def resuming(suite: str, folder: Path) -> str:
-    """Command that continues an interrupted sweep, as a shell takes it."""
+    """Command that continues an interrupted sweep, as it is typed in a shell."""
     context = click.get_current_context()
     words = ["simval", "sweep", suite, "--out", str(folder)]
     for parameter in context.command.params:

@@ -208,6 +208,7 @@ def command(
     rows = [f"{name}: {short(each)}" for name, each in python.items()]
     account = replace(
         account,
+        title=f"{account.title} for",
         source=", ".join(each.name for each in courses),
         facts=[*account.facts, *(f for each in courses for f in each.said), *facts],
         notes=[Note(words="As arguments of Python packages:", matrix="\n".join(rows))],
@@ -227,7 +228,7 @@ def command(
 
 
 def short(values: Any) -> str:
-    """JSON with six digits of each number."""
+    """Write JSON with six digits of each number and no quotes."""
     rounded = json.loads(json.dumps(values), parse_float=lambda x: f"{float(x):.6g}")
     return json.dumps(rounded).replace('"', "")
 
@@ -235,7 +236,7 @@ def short(values: Any) -> str:
 def sheet_errors(
     stated: Mapping[str, Sequence[str]],
 ) -> tuple[list[CalibrationError], float]:
-    """What readings are off by, and the deviation of the gyroscope's bias.
+    """Errors that the options state, and the sd of the gyroscope's bias.
 
     By the words of each option, as ``gyroscope=0.01``, or ``0.01`` of all sensors.
     """
@@ -271,7 +272,7 @@ def sheet_errors(
 def calibrated(
     path: Path | None, field: Array
 ) -> tuple[Mapping[str, Array], list[CalibrationError], list[dict[str, float]]]:
-    """Matrix of each sensor of a file, to SI units, and what it leaves in readings.
+    """The matrix to SI units of each sensor in a file, and the errors it leaves.
 
     With the ends of the interval of its deviations over them, where these are of the
     scatter of the poses; the field has the strength of T.
@@ -310,12 +311,12 @@ def calibrated(
 
 
 class Course(NamedTuple):
-    """A motion, and what is known of its world."""
+    """A motion, and what is known of the world in which it happens."""
 
     name: str
     time: Array  # s, of each attitude
     attitude: Array
-    felt: Array  # specific force beside gravity's, m/s^2, of each but the first
+    felt: Array  # specific force without gravity's, m/s^2, of each but the first
     white: Mapping[str, float] = {}  # noise measured in its rests, as of `measured`
     gravity: float = EARTH
     field: Any = FIELD  # T
@@ -330,7 +331,7 @@ class Course(NamedTuple):
         return 1.0 / float(np.median(np.diff(self.time)))
 
     def taken(self, rate: float, most: int) -> Course:
-        """One row of several, for a rate, and of these the part that turns most."""
+        """Thin the rows to a rate, and keep the part that turns most if too many."""
         import numpy as np
 
         from simval.account import Fact
@@ -344,8 +345,10 @@ class Course(NamedTuple):
         sums, n = np.append(0.0, np.cumsum(turn)), min(most, len(turn))
         a = int(np.argmax(sums[n:] - sums[:-n]))
         if n < len(turn):
-            words = f"{self.name}: {time[a]:.4g} to {time[a + n]:.4g} s turn most"
-            said += (Fact("part", f"{words}; fewer rows a second make it longer"),)
+            words = (
+                f"{self.name}: {time[a]:.4g} to {time[a + n]:.4g} s, which turn most"
+            )
+            said += (Fact("part", f"{words}; a lower --rate takes more of it"),)
         rows = slice(a, a + n + 1)
         return self._replace(
             time=time[rows], attitude=q[rows], felt=felt[a : a + n], said=said
@@ -359,7 +362,7 @@ def course_of(
     calibration: Path | None,
     units: tuple[str | None, str | None],
 ) -> Course:
-    """A scene, a log, or a file of attitudes."""
+    """Read a motion: a scene, a log, or a file of attitudes."""
     from simval.geometry import attitude_matrix
     from simval.imu.logs import read_log
     from simval.imu.logs.truth import quaternion_stems
@@ -415,7 +418,7 @@ def of_attitudes(path: str, columns: str | None, rate: float | None) -> Course:
 def of_log(
     log: Log, calibration: Path | None, units: tuple[str | None, str | None]
 ) -> Course:
-    """A log's attitudes by the reference filter, and what it feels beside gravity.
+    """Estimate a log's attitudes and its acceleration by the reference filter.
 
     The filter is given an accelerometer as noisy as real acceleration makes it.
     """
@@ -431,6 +434,14 @@ def of_log(
     log = longest_part(log)
     with refusing(log):
         found, _ = prepared(log, None, calibration, units)
+    _, gyro, _ = found.scales
+    refuse_if(
+        gyro.axes != "as stated",
+        f"{log.path}: {'; '.join(each.words for each in gyro.said)}; its motion is not "
+        "known from axes of two kinds: correct the log, or give CALIBRATION, of this "
+        "sensor, which `simval calibrate LOG --out FILE` writes",
+    )
+    with refusing(log):
         begin = start_of(found)
     true, motion, name = begin.told, begin.motion, Path(log.path).name
     given, settings = filter_input(found, begin), asdict(true)
@@ -467,7 +478,7 @@ def noise_of(
     matrices: Mapping[str, Array],
     stated: Mapping[str, float],
 ) -> tuple[dict[str, float], list[dict[str, float]], list[Fact]]:
-    """Noise as `measured`, of a file, else of the rests of logs; and as it is stated.
+    """Noise of the sensors: as stated, else from a file, else from the logs' rests.
 
     Of several logs the largest: it is one sensor's.
     """
@@ -497,7 +508,7 @@ def noise_of(
 def measured(
     path: Path, matrices: Mapping[str, Array]
 ) -> tuple[dict[str, float], list[dict[str, float]], Fact]:
-    """Noise of a file per root hertz, SI, the largest of the axes.
+    """Noise of a file in SI units per root hertz, the largest of the axes.
 
     By N, K and vector sensor, with the ends of the intervals over it, and a remark; its
     unit is that of a calibration's matrices, else its own.
@@ -516,7 +527,7 @@ def measured(
     }
     size: dict[str, float] = {}
     ends: list[dict[str, float]] = [{}, {}]
-    words, below = f"measured, {path.name}; the largest of the axes", False
+    words, below = f"measured ({path.name}), the largest of the axes", False
     for name, (sensor, kind) in NOISES.items():
         axes, unit = sensors[sensor]
         if not axes:
@@ -538,8 +549,8 @@ def measured(
             seconds = min(axis.rows / axis.rate_hz for axis in axes)
             value, below = 3.0**0.5 * size["N"] / seconds, True
             low, high = NOTHING * value, bound or value
-            words += f"; {kind} is below what {seconds:.0f} s can show, and what "
-            words += "doubles the variance of their mean is taken"
+            words += f"; {kind} is below what {seconds:.0f} s can show, and is taken "
+            words += "as what doubles the variance of their mean"
         size[name] = value
         for end, limit in zip(ends, (low, high), strict=True):
             if value > 0.0 and 0.0 < limit < np.inf:
@@ -554,7 +565,7 @@ def case_of(
     bias_std: float,
     settle: float,
 ) -> FilterCase:
-    """A motion with its sensors and their errors."""
+    """Put together a motion, its sensors, and the errors of their readings."""
     import numpy as np
 
     from simval.geometry import attitude_matrix

@@ -1,4 +1,4 @@
-"""Lines for people: folded on a narrow terminal, dropped where nobody takes them."""
+"""Print to a terminal: wrap to its width, and ignore a reader who left."""
 
 import os
 import re
@@ -23,7 +23,7 @@ LABEL = 24
 
 
 class Output(FileIO):
-    """Standard output or error, which may end early: the rest is dropped.
+    """Standard output or error; whatever comes after the reader left is dropped.
 
     So a command ends its work, whether its reader goes, as ``head`` does, or the disk
     is full or the shell has closed it (``>&-``). A reader may go, so then the exit code
@@ -33,7 +33,7 @@ class Output(FileIO):
     failure = ""
 
     def write(self, data: Any) -> int:
-        """Write, or drop what has no place any more."""
+        """Write, or drop the text if nobody reads any more."""
         try:
             return super().write(data) or 0
         except OSError as error:
@@ -52,7 +52,7 @@ def _lead_nowhere(number: int, mode: int) -> None:
 
 
 def patient(stream: Any, number: int) -> Any:
-    """The stream as an `Output`, of names that a terminal cannot show."""
+    """Wrap a stream as `Output`, which also spells what its encoding lacks."""
     if stream is None:  # closed: no other file gets its number, and writing fails
         _lead_nowhere(number, os.O_RDONLY)
         stream = open(number, "w", closefd=False)  # noqa: SIM115 - never closed
@@ -71,14 +71,14 @@ def patient(stream: Any, number: int) -> Any:
 
 
 def failure_of(stream: Any) -> str:
-    """Why what was printed is not all there; empty if it is."""
+    """Say why some of the output is missing; empty if none is."""
     stream.flush()
     raw = getattr(getattr(stream, "buffer", None), "raw", None)
     return raw.failure if isinstance(raw, Output) else ""
 
 
 def say(lines: Iterable[str], *, err: bool = False) -> None:
-    """Print lines, none wider than the terminal if words and columns allow."""
+    """Print lines, wrapped to the terminal where words and columns allow."""
     stream = sys.stderr if err else sys.stdout
     width = _width(stream)
     for each in lines:
@@ -100,17 +100,17 @@ def show(account: Account, *, verbose: bool = False, err: bool = False) -> None:
 
 
 def styled(words: str, what: str) -> str:
-    """Words in the colour of an answer, or as a title."""
+    """Colour words as an answer or as a title."""
     return click.style(words, fg=_COLOURS.get(what), bold=True)
 
 
 def tell(lines: Iterable[str]) -> None:
-    """Print lines that may have names from data in them, with their indent."""
+    """Print lines that may hold names from data, wrapped under their indent."""
     say(line[: len(line) - len(line.lstrip())] + one_line(line) for line in lines)
 
 
 def encodable(line: str, stream: Any) -> str:
-    """The line, with other spellings of what the stream cannot show."""
+    """Replace what a stream cannot show by other spellings."""
     try:
         line.encode(getattr(stream, "encoding", None) or "utf-8")
     except UnicodeEncodeError:
@@ -119,7 +119,7 @@ def encodable(line: str, stream: Any) -> str:
 
 
 def _width(stream: Any) -> int:
-    """Columns of a terminal, or as COLUMNS states them; 0 where there is no limit."""
+    """Width of the terminal, or COLUMNS if that is set; 0 if there is no limit."""
     stated = os.environ.get("COLUMNS", "")
     if stated.isdecimal():
         return int(stated)
@@ -130,7 +130,7 @@ def _width(stream: Any) -> int:
 
 
 def folded(line: str, width: int) -> list[str]:
-    """Fold a line: between its columns first, then between words, under its label."""
+    """Wrap a line between its columns first, then between words, under its label."""
     # a column is words with one space between; the spaces before it belong to it
     columns = re.findall(r"\s*\S+(?: \S+)*", line)
     first = len(line) - len(line.lstrip())

@@ -58,7 +58,7 @@ def command(
 
 
 def values_table(trend: Trend) -> Table:
-    """Every value of every run as a tidy long table."""
+    """Write every value of every run as a long table, one value to a row."""
     from simval.judge.trend import WAYS
     from simval.report.table import Column, Table
 

@@ -1,4 +1,4 @@
-"""The judge: a run against theory, the baseline, another run, or a series of runs.
+"""Judgement of runs: against theory, a baseline, another run, or earlier runs.
 
 `simval.verdict` has the law for a single row. Here it is applied: `judge_run` gates a
 run (`findings`, `headline`), `compare_runs` compares two, `compare_algorithms` two

@@ -62,14 +62,14 @@ from simval.verdict import ALPHA
 
 
 class Measured(NamedTuple):
-    """A value and its standard error; 0 where it is without chance."""
+    """A value and its standard error, 0 if no chance is involved."""
 
     value: float
     error: float
 
 
 class Share(NamedTuple):
-    """Share of exact cases of a class that fail."""
+    """Share of the exact cases of a class that fail."""
 
     value: float
     declared: bool  # whether the plug-in says that it fails there
@@ -92,20 +92,20 @@ def algorithm_of(cell: CellResult) -> str:
 
 
 def algorithms_of(run: Run, study: str) -> tuple[str, ...]:
-    """Algorithms that a study of a run measures, in their order."""
+    """Algorithms that a study of a run measures, in order."""
     cells = (cell for cell in run.cells if cell.study == study)
     return tuple(dict.fromkeys(map(algorithm_of, cells)))
 
 
 def called(algorithms: Sequence[str]) -> dict[str, str]:
-    """Short name of each: without its file where no other is called the same."""
+    """Short name of each algorithm: without its file if that is not needed."""
     short = {name: name.partition(".py:")[2] or name for name in algorithms}
     taken = list(short.values())
     return {n: own if taken.count(own) == 1 else n for n, own in short.items()}
 
 
 def over_bound(cell: CellResult) -> Measured | None:
-    """RMS error over the Cramer-Rao bound."""
+    """RMS error relative to the Cramér-Rao bound."""
     exact, sampled = cell.row(EFFICIENCY()), size_row(cell)
     if exact is not None and exact.standard_error == 0.0 and exact.value > 0.0:
         return _finite(exact.value**-0.5, 0.0)
@@ -113,14 +113,14 @@ def over_bound(cell: CellResult) -> Measured | None:
 
 
 def unresolved(cell: CellResult) -> float:
-    """Relative error that an accuracy without chance may have."""
+    """Relative error that an accuracy without chance may still have."""
     row = cell.row(EFFICIENCY())
     exact = row is not None and row.standard_error == 0.0 and row.value > 0.0
     return 0.5 * row.remainder / row.value if row is not None and exact else 0.0
 
 
 def size_row(cell: CellResult) -> Row | None:
-    """Row of the size of the whole error, and of its bound."""
+    """The row with the size of the whole error, compared with its bound."""
     for row in cell.rows:
         known = row.statistic.family in SIZES and row.predictor in BOUNDS
         if known and not row.statistic.entries and (row.prediction or 0.0) > 0.0:
@@ -146,7 +146,7 @@ def _parameters_over_bound(cell: CellResult) -> Measured | None:
 
 
 def _parameters(cell: CellResult) -> list[tuple[Row, Row]]:
-    """Spread against the bound, and bias, of each parameter that has both."""
+    """Spread and bias of each parameter that has both and a bound."""
     biases = {r.statistic.entries: r for r in of_family(cell, BIAS)}
     return [
         (row, biases[row.statistic.entries])
@@ -158,7 +158,7 @@ def _parameters(cell: CellResult) -> list[tuple[Row, Row]]:
 
 
 def of_family(cell: CellResult, family: Family) -> Sequence[Row]:
-    """Rows of a family without control variates."""
+    """Rows of a family, without those by control variates."""
     return [
         row
         for row in cell.rows
@@ -167,7 +167,7 @@ def of_family(cell: CellResult, family: Family) -> Sequence[Row]:
 
 
 def bias_over_bound(cell: CellResult) -> float | None:
-    """Length of the bias over the bound, by cubature or less what sampling adds."""
+    """Length of the bias over the bound; the part by sampling is subtracted."""
     rms = size_row(cell)
     rows = [row for row in of_family(cell, BIAS) if row.predictor == CUBATURE]
     if rms is not None and rms.prediction and rows:
@@ -184,7 +184,7 @@ def bias_over_bound(cell: CellResult) -> float | None:
 
 
 def group_rms(cell: CellResult, letter: str) -> Row | None:
-    """RMS error over the parameters of one kind, by the first letter of their names."""
+    """RMS error over the parameters whose names begin with a letter."""
     rows = [
         (spread.value**2 + max(bias.value**2 - bias.standard_error**2, 0.0), spread)
         for spread, bias in _parameters(cell)
@@ -209,13 +209,13 @@ def group_rms(cell: CellResult, letter: str) -> Row | None:
 
 
 def honesty(cell: CellResult) -> Measured | None:
-    """Normalised squared error over its mean, of the covariance that is stated."""
+    """Normalised squared error by the stated covariance, over its expectation."""
     row = next((r for r in of_family(cell, NEES) if r.prediction), None)
     return None if row is None else _scaled(row)
 
 
 def failures(cell: CellResult) -> Mapping[str, Share]:
-    """Share of failures by class."""
+    """Share of failing cases in each class."""
     return {
         row.statistic.entries[0]: Share(row.value, row.check == "record")
         for row in of_family(cell, FAILURES)
@@ -229,7 +229,7 @@ def _scaled(row: Row) -> Measured | None:
 
 
 def _finite(value: float, error: float) -> Measured | None:
-    """A size above zero with an error; None of what is no number."""
+    """The value with its error if both are finite and above zero; else None."""
     good = 0.0 < value < np.inf and 0.0 <= error < np.inf
     return Measured(float(value), float(error)) if good else None
 
@@ -243,9 +243,9 @@ HONESTY = "distance of the NEES from its mean"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Merit:
-    """One quality of two algorithms in one setting."""
+    """One quality of two algorithms, compared in one setting."""
 
-    what: str  # the quality, of which less is better
+    what: str  # the quality; less of it is better
     setting: str  # where they were measured, in words
     cells: tuple[str, str]
     a: float
@@ -257,18 +257,18 @@ class Merit:
 
     @property
     def within(self) -> float:
-        """Bound of the difference, at 95 %."""
+        """Bound on the size of the difference, at 95 %."""
         return abs(self.difference) + TOST_QUANTILE * self.error
 
     @property
     def weight(self) -> float:
-        """Difference in standard errors, for sorting; in hundredths without chance."""
+        """Size of the difference for sorting, in standard errors, or in percent."""
         return abs(self.difference) / (self.error or 0.01)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlgorithmComparison:
-    """Two algorithms of one run."""
+    """Comparison of two algorithms of one run."""
 
     names: tuple[str, str]
     merits: tuple[Merit, ...]  # setting by setting
@@ -276,7 +276,7 @@ class AlgorithmComparison:
     alpha: float  # false-alarm rate that all merits share
 
     def of(self, standing: Standing) -> tuple[Merit, ...]:
-        """Merits in which the first stands so.
+        """Merits in which the first algorithm is better, worse or the same.
 
         Parameters
         ----------
@@ -337,7 +337,7 @@ def compare_algorithms(
 def merits_of(
     ours: Sequence[CellResult], theirs: Sequence[CellResult], alpha: float = ALPHA
 ) -> tuple[tuple[Merit, ...], tuple[str, ...]]:
-    """Merits of the cells that both have, and names of those that one has alone."""
+    """Compare the cells that both have; name those that only one has."""
     pairs, *rest = matched(ours, theirs, _asked, lambda cell: cell.seed)
     alone = tuple(cell.name for cells in rest for cell in cells)
     return tuple(_judged(list(_merits(pairs)), alpha)), alone
@@ -363,7 +363,7 @@ def _named(run: Run, word: str) -> str:
 
 
 def _asked(cell: CellResult) -> tuple[int, str]:
-    """Seed and parameters, but for the algorithm: what both must share."""
+    """Seed and parameters of a cell, which both algorithms must share."""
     asked = {**question(cell.parameters), "algorithm": "", "study": cell.study}
     return cell.seed, str(asked)
 
@@ -412,12 +412,12 @@ def _merits(pairs: list[tuple[CellResult, CellResult]]) -> Iterator[Merit]:
 
 
 def _together(a: float, b: float, shared: bool) -> float:
-    """Standard error of a difference, eq. (D2)."""
+    """Standard error of a difference, which is larger if the noise is shared."""
     return a + b if shared else hypot(a, b)
 
 
 def same_noise(a: CellResult, b: CellResult) -> bool:
-    """True if two cells draw from the same streams."""
+    """True if two cells draw their noise from the same streams."""
     model = find_study(a.study).parameters
     streams = [
         Cell(c.study, model.model_construct(**c.parameters), c.seed).streams
@@ -440,7 +440,7 @@ def _judged(merits: Sequence[Merit], alpha: float) -> Iterator[Merit]:
 
 
 def _settings(cells: list[CellResult]) -> list[str]:
-    """Parameters that differ between the cells, in words; their noise if none does."""
+    """Say in which parameters each cell differs; if in none, its noise."""
     asked = [{**question(cell.parameters), "seed": cell.seed} for cell in cells]
     keys = [
         key

@@ -36,7 +36,7 @@ UNREADABLE = (
 
 
 class Judged(NamedTuple):
-    """A prediction that a value is judged by, and its remainder."""
+    """A prediction that a value is judged by, with its remainder."""
 
     prediction: float
     remainder: float
@@ -44,7 +44,7 @@ class Judged(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """One statistic of a cell."""
+    """One statistic of a cell in a baseline."""
 
     # None where it is below a limit of its own, and so rounding noise
     value: float | None
@@ -58,7 +58,7 @@ class Entry(NamedTuple):
 
     @property
     def kept(self) -> tuple[Any, ...]:
-        """Its entry in the file of a baseline."""
+        """The entry as it is written to the file."""
         claims = {name: [j.prediction, j.remainder] for name, j in self.judged.items()}
         return self.value, self.error, self.n, claims
 
@@ -77,7 +77,7 @@ Stored = Mapping[str, StoredCell]
 
 
 def read_baseline(path: Path) -> dict[str, Any]:
-    """Read a baseline.
+    """Read a baseline file.
 
     Parameters
     ----------
@@ -198,14 +198,14 @@ def write_baseline(
 
 
 def check_reason(reason: str) -> None:
-    """Refuse an empty reason, or an option in its place."""
+    """Refuse an empty reason, or an option in place of one."""
     if not reason.strip() or reason.lstrip().startswith("-"):
         msg = "a new baseline needs its reason: --update-baseline 'why it changed'"
         raise InputError(msg)
 
 
 def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Read from a manifest what the last bits of a run depend on."""
+    """What the last bits of a run's numbers depend on, from its manifest."""
     try:
         own = {
             "suite": str(manifest["suite"]),
@@ -222,12 +222,12 @@ def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
 def environment_changes(
     kept: Mapping[str, Any], manifest: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """Differences of a run's environment from the baseline's."""
+    """How the environment of a run differs from the baseline's."""
     return tuple(differences(kept, environment(manifest)))
 
 
 def by_statistic(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Rows of a cell by what is compared: a statistic, apart where its values differ.
+    """Group a cell's rows by statistic, and by value where values differ.
 
     Theories that the same value is compared with are one.
     """

@@ -1,4 +1,4 @@
-"""Why an algorithm is wrong: advice by statistic, and for a filter by its rows.
+"""Why an algorithm is wrong: by its failing statistics, or for a filter by its rows.
 
 A cause is named only where one form of error (`simval.studies.filter_errors`) or one
 reading stands out, with the number that shows it.
@@ -35,7 +35,7 @@ MUCH: Final = 0.1
 CLEAR: Final = 4.0
 """Standard errors by which a ratio is off."""
 
-LEAST: Final = 8  # instants by which early and late are told apart
+LEAST: Final = 8  # instants needed to distinguish early from late
 
 FACTOR: Final = 1.15
 """By which one of several ratios is off to be named."""
@@ -130,7 +130,7 @@ def advice(study: str, family: str) -> str:
 
 
 def off(row: Row) -> str:
-    """What a judged row has found, and what is due."""
+    """Say what a row has measured, and what is expected."""
     unit = "" if row.unit == "1" else f" {row.unit}"
     verb = "is allowed" if row.check == "limit" else "is expected"
     error = row.standard_error
@@ -147,7 +147,7 @@ Rows = dict[str, Row]
 
 
 class Cause(NamedTuple):
-    """Why a filter is wrong."""
+    """A cause for a filter's failure."""
 
     reason: str  # with the number that shows it
     look: str = ""  # where to look, in a sentence
@@ -155,7 +155,7 @@ class Cause(NamedTuple):
 
 
 def why(cells: Sequence[CellResult]) -> list[Cause]:
-    """Causes of a filter's failure, in its worst cell."""
+    """Find the causes of a filter's failure, in its worst cell."""
     done = _done(cells)
     shares = [_value(rows, SYSTEMATIC()) for rows in done]
     if not shares:
@@ -167,7 +167,7 @@ def why(cells: Sequence[CellResult]) -> list[Cause]:
 
 
 def sound(cells: Sequence[CellResult]) -> list[str]:
-    """What is not wrong with a filter that fails, in no cell; one sentence at most."""
+    """Say in at most one sentence what is right in every cell of a failing filter."""
     done = _done(cells)
     over = [rows[str(RMS_OVER_BOUND())] for rows in done
             if str(RMS_OVER_BOUND()) in rows]  # fmt: skip
@@ -209,7 +209,7 @@ def _off(rows: Rows) -> float:
 
 
 def _same(rows: Rows, cell: CellResult, least: float) -> Cause:
-    """Error that all trials share."""
+    """Cause by the error that is the same in all trials."""
     share = _value(rows, SYSTEMATIC())
     first = f"{100.0 * share:.0f} % of its squared error is the same in every trial"
     forms = {name: _value(rows, SYSTEMATIC(name)) for name in (*_FORMS, "delay")}
@@ -238,7 +238,7 @@ def _same(rows: Rows, cell: CellResult, least: float) -> Cause:
 
 
 def _random(rows: Rows) -> Iterator[Cause]:
-    """Scatter between trials: its size, the stated one, and each reading's part."""
+    """Causes by the scatter between trials, compared with what is stated."""
     nees = rows.get(str(NEES()))
     if nees is None:
         return
@@ -272,7 +272,7 @@ def _random(rows: Rows) -> Iterator[Cause]:
 
 
 def _times(nees: Row) -> str:
-    """Size of the errors over the stated one, from their square."""
+    """Ratio of the errors to the stated ones, from the NEES."""
     size = float(np.sqrt(nees.value / 3.0))
     return measured(size, nees.standard_error / 6.0 / size)
 
@@ -313,7 +313,7 @@ def _without_reading(
 
 
 def _late(rows: Rows) -> bool:
-    """True if the stated covariance is right at first, and wrong in the second half."""
+    """True if the stated covariance is right at first and wrong in the second half."""
     _, off, _ = _along_time(rows)
     if len(off) < LEAST:
         return False
@@ -322,7 +322,7 @@ def _late(rows: Rows) -> bool:
 
 
 def _since(rows: Rows) -> str:
-    """From when on the errors of no instant are as it states, and their last size."""
+    """Say from when on the stated errors stay wrong, and how wrong they are at last."""
     time, off, error = _along_time(rows)
     out = (
         np.abs(off) > float(-scipy.special.ndtri(FAR_INSTANT / 2.0 / len(off))) * error
@@ -340,7 +340,7 @@ def _since(rows: Rows) -> str:
 
 
 def _early(rows: Rows) -> list[Cause]:
-    """Cause of a covariance that is wrong at the start, and less so later."""
+    """Cause by a covariance that is wrong at the start, and less so later."""
     time, off, _ = _along_time(rows)
     if len(off) < LEAST:
         return []
@@ -357,7 +357,7 @@ def _early(rows: Rows) -> list[Cause]:
 
 
 def _along_time(rows: Rows) -> tuple[Array, Array, Array]:
-    """Times at which a NEES is kept, s, logarithms of it over 3, and their errors."""
+    """Times of the NEES, s, the logarithm of NEES / 3, and its standard error."""
     at = [
         (float(row.statistic.entries[-1]), np.log(value / 3.0),
          row.standard_error / value)
@@ -370,7 +370,7 @@ def _along_time(rows: Rows) -> tuple[Array, Array, Array]:
 
 
 def _readings(rows: Rows) -> Iterator[Cause]:
-    """Readings whose innovations are not what it states; of six, three a sensor."""
+    """Causes by the readings whose innovations are not as stated."""
     found = [r for r in rows.values() if r.statistic.family == PART_OF_INNOVATION]
     ratio = np.array([row.value for row in found])
     sensors = ("the accelerometer", "the magnetometer")
@@ -398,7 +398,7 @@ def _readings(rows: Rows) -> Iterator[Cause]:
 
 
 def unjudged(name: str, cells: Sequence[CellResult]) -> str:
-    """Measurements of a filter that are not judged, since it states no covariance."""
+    """Say how large a filter's errors are if it states no covariance to judge."""
     done = [cell for cell in cells if cell.status == "done"]
     families: set[Family] = {row.statistic.family for c in done for row in c.rows}
     over = [row for c in done for row in c.rows if row.statistic == RMS_OVER_BOUND()]

@@ -1,4 +1,4 @@
-"""Comparison of a run with the baseline: statistic by statistic, as columns.
+"""Comparison of a run with the baseline, statistic by statistic.
 
 Cells of the same name and seed draw the same noise, so a stored and a new value differ
 by rounding only (`simval.change.rounding_bound`), unless the algorithm changed; this
@@ -80,7 +80,7 @@ FAILED: tuple[Change, ...] = (
 
 
 def answer_of(change: Change) -> Answer:
-    """Pass, fail or inconclusive."""
+    """Whether a change passes, fails or is inconclusive."""
     if change in FAILED:
         return "fail"
     return "inconclusive" if change == "unresolved" else "pass"
@@ -88,7 +88,7 @@ def answer_of(change: Change) -> Answer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """One statistic of a cell, now and in the baseline."""
+    """One statistic of a cell, in the run and in the baseline."""
 
     cell: CellName  # as the run names it, or the baseline where missing
     statistic: str
@@ -109,7 +109,7 @@ class Comparison:
 
     @property
     def step(self) -> Step | None:
-        """The same as a step; None where only one has the value."""
+        """The change as a step; None if only one of both has the value."""
         if self.measured is None or self.stored is None or self.value is None:
             return None
         return Step(
@@ -127,19 +127,19 @@ class Comparison:
 
     @property
     def answer(self) -> Answer:
-        """Pass, fail or inconclusive."""
+        """Whether it passes, fails or is inconclusive."""
         return answer_of(self.change)
 
     @property
     def sigmas(self) -> float:
-        """Change in standard errors; NaN where there is none."""
+        """Change in standard errors; NaN without a standard error."""
         if self.stored is None or self.value is None or not self.standard_error > 0:
             return np.nan
         return (self.value - self.stored) / self.standard_error
 
     @property
     def reason(self) -> str:
-        """Why this is not a pass, in words; empty for a pass."""
+        """Say why it does not pass; empty if it does."""
         if self.change == "missing":
             return "in the baseline, but no longer measured"
         if self.change == "unjudged":
@@ -165,7 +165,7 @@ class Comparison:
         return f"{words}: {self._size(self.stored, self.value)}"
 
     def _size(self, stored: float, value: float) -> str:
-        """By how much it changed, and what was allowed."""
+        """Say by how much the value changed, and what was allowed."""
         step = value - stored
         if self.change == "unresolved" and not self.standard_error:
             return "its noise is another, and how much that moves it is not known"
@@ -192,7 +192,7 @@ class Comparison:
 
 
 class _Pair(NamedTuple):
-    """A statistic of a cell in the baseline and in the run; one may be missing."""
+    """A statistic of a cell in both baseline and run, where one may be missing."""
 
     cell: CellName
     statistic: str
@@ -205,7 +205,7 @@ class _Pair(NamedTuple):
 
 
 def has_partners(run: Run, stored: Stored) -> bool:
-    """True if a cell of the run has other noise than its partner in the baseline."""
+    """True if a cell was measured with other noise than in the baseline."""
     return any(old != new for (old, _), (new, _) in _matched(run, stored)[0])
 
 
@@ -300,7 +300,7 @@ def _comparison(
 
 
 def _pairs(run: Run, stored: Stored) -> tuple[list[_Pair], int]:
-    """All statistics of both, sorted; how many of the baseline's have other noise."""
+    """All statistics of both, sorted, and how many were measured with other noise."""
     shared, gone, _ = _matched(run, stored)
     partner = {new: old for old, (new, _) in shared}
     # an unfinished cell is reported once, not again for each of its statistics
@@ -339,7 +339,7 @@ def _of_cell(
 
 
 def _known(old: Entry | None, new: Entry | None) -> Change | None:
-    """Name the change that shows without comparing the numbers, if any."""
+    """Name the change if it shows without comparing numbers; else None."""
     if new is None:
         return "missing"
     if old is None:
@@ -368,7 +368,7 @@ def _matched(
 
 
 def bounds_on_same_noise(pairs: Sequence[tuple[Entry, Entry]]) -> Array:
-    """How far rounding alone may move each value: beyond, the algorithm changed."""
+    """Largest change of each value by rounding; beyond it the algorithm changed."""
     numbers = [(old.value or 0.0, old.error, left_open(old, new)) for old, new in pairs]
     stated, error, left = np.array(numbers, dtype=float).reshape(-1, 3).T
     return rounding_bound(stated, error, left)
@@ -381,13 +381,13 @@ def way_of(
     bound: float,
     chance: float,
 ) -> Standing:
-    """Direction of a change beyond a bound; of what has an aim, beyond chance, too."""
+    """Direction of a change; where there is an aim, it must exceed chance too."""
     least = max(bound, chance) if statistic.better in AIMED else bound
     return standing(loss_change(statistic, values, predictions), least)
 
 
 def left_open(old: Entry, new: Entry) -> float:
-    """The least that a theory leaves open of a value on the same noise."""
+    """Smallest remainder of the theories that a value on the same noise must meet."""
     checks = {key: judged.check for key, judged in new.judged.items()}
     remainders = (
         j.remainder
@@ -432,7 +432,7 @@ def _predictions(pair: _Pair) -> tuple[float | None, float | None]:
 
 
 def _judging(pair: _Pair, bound: float) -> Iterator[tuple[Change, str]]:
-    """Changes of what the value is judged by."""
+    """Changes in what a value is judged by."""
     old, new = pair.old, pair.new
     assert old is not None
     assert new is not None

@@ -1,4 +1,4 @@
-"""Findings of the gate, one by one and grouped by kind.
+"""Findings of the gate, singly and grouped by kind.
 
 A `Finding` is one thing judged, in one form for every output. An intended change moves
 a whole kind of values at once: the RMS errors of all scale factors in all cells. A
@@ -47,7 +47,7 @@ OFF = ("too large", "too small", "times what is predicted")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One judgement of the gate."""
+    """One finding of the gate."""
 
     tier: str  # ``complete`` (was it measured), ``theory`` or ``baseline``
     cell: CellName  # without a study for the run as a whole
@@ -70,7 +70,7 @@ class Finding:
 
     @property
     def study(self) -> str:
-        """Name of the study, or of the run as a whole."""
+        """Name of the study; empty for the run as a whole."""
         return self.cell.study or "run"
 
     @property
@@ -80,12 +80,12 @@ class Finding:
 
     @property
     def what(self) -> str:
-        """Statistic, and the theory that it is judged against."""
+        """The statistic, and the theory against which it was judged."""
         return " against ".join(filter(None, (self.statistic, self.against)))
 
     @property
     def line(self) -> str:
-        """One line for people."""
+        """The finding in one line."""
         what = f"{self.cell} {self.what}".strip()
         return ": ".join(filter(None, (self.answer, what, self.reason)))
 
@@ -155,7 +155,7 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
 
 
 def _no_check(result: GateResult) -> str:
-    """Why none of a run's rows is a check."""
+    """Say why nothing of a run is a check."""
     if result.wide:
         return "is a check: each allows more than it predicts; take more trials"
     if result.outside:
@@ -215,7 +215,7 @@ def _number(value: float | None) -> float | None:
 
 
 def details(finding: Finding) -> list[str]:
-    """A finding in full: numbers, and the command that reproduces it, a line each."""
+    """A finding in full, in lines: its numbers, and the command that repeats it."""
     lines = [finding.line]
     if finding.expected is not None and finding.seen is not None:
         words = f"expected {finding.expected:.9g}, seen {finding.seen:.9g}"
@@ -231,7 +231,7 @@ def details(finding: Finding) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Findings of one kind that did not pass, the farthest off first."""
+    """Findings of one kind that did not pass, the largest first."""
 
     findings: tuple[Finding, ...]
     of: int  # findings of this kind, passes included, but no wide ones
@@ -239,17 +239,17 @@ class Group:
 
     @property
     def worst(self) -> Finding:
-        """The one that is farthest off."""
+        """The finding that is farthest off."""
         return self.findings[0]
 
     @property
     def weight(self) -> float:
-        """Its distance, for sorting."""
+        """How far off the worst one is, for sorting."""
         return weight_of(self.worst)
 
     @property
     def line(self) -> str:
-        """One-line summary of the group."""
+        """The group in one line."""
         first = self.worst
         if first.more is not None:
             return f"{first.answer}: {self._too_few()}"
@@ -287,7 +287,7 @@ class Group:
         return f"{checks}{self._off() if bad else ''} {self._where}{self._sigmas}"
 
     def _off(self) -> str:
-        """Distances of the values from what was expected, in words."""
+        """Say how far the values are from what was expected."""
         shares = [
             (each.seen - each.expected) / abs(each.expected)
             for each in self.findings
@@ -309,7 +309,7 @@ class Group:
 
     @property
     def lines(self) -> list[str]:
-        """The line, then the finding that is farthest off and its command."""
+        """The summary, then the worst finding with its command."""
         first = self.worst
         if first.more is not None:
             return [self.line]
@@ -321,7 +321,7 @@ class Group:
 
 
 def groups(result: GateResult) -> tuple[Group, ...]:
-    """Group what did not pass: failures first, then by tier, then the farthest off."""
+    """Group what did not pass: failures first, then by tier, then by size."""
     entries = findings(result)
     members: dict[tuple[str, ...], list[Finding]] = {}
     for each in entries:
@@ -364,7 +364,7 @@ def _rank(group: Group) -> tuple[int, int, float]:
 
 
 def weight_of(finding: Finding) -> float:
-    """Distance of a finding: in standard errors, or times what is allowed."""
+    """How far off a finding is: in standard errors, or in multiples of the allowed."""
     if finding.step is not None:
         return finding.step.weight
     if finding.sigmas is not None:
@@ -387,7 +387,7 @@ def moved_kinds(result: GateResult) -> dict[str, list[Group]]:
 def reasons_given(
     kinds: Sequence[str], stated: Sequence[str], reason: str
 ) -> dict[str, str]:
-    """Reasons by kind: those stated as KIND=WORDS, KIND being one or a whole study.
+    """The reason for each kind, from KIND=WORDS; KIND may be a whole study.
 
     If one kind moved, the reason of the update is its reason.
 
@@ -416,5 +416,5 @@ def reasons_given(
 
 
 def study_of(kind: str) -> str:
-    """The study of a kind."""
+    """The study that a kind belongs to."""
     return kind.partition(",")[0]

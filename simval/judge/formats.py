@@ -1,4 +1,4 @@
-"""Judgements for machines: JSON, JUnit XML, Markdown, GitHub annotations.
+"""Results of the gate for machines: JSON, JUnit XML, Markdown, GitHub annotations.
 
 Names of cells and reasons can come from data and plug-ins, so each format escapes them
 in its own way; characters that XML does not know are replaced.
@@ -41,7 +41,7 @@ DOT = "\N{MIDDLE DOT}"
 
 
 class Entry(BaseModel):
-    """One finding."""
+    """One finding, as JSON has it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -65,7 +65,7 @@ class Entry(BaseModel):
 
 
 class Document(BaseModel):
-    """The result of one `simval gate`."""
+    """The result of one `simval gate`, as JSON has it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, title="simval gate")
 
@@ -122,7 +122,7 @@ def to_json(result: GateResult, exit_code: int) -> str:
 
 
 def counts(entries: tuple[Finding, ...]) -> dict[Answer, int]:
-    """Count findings by verdict, without those that are wide."""
+    """Count findings by answer, without those that are wide."""
     answers = [f.answer for f in entries if not f.wide]
     return {word: answers.count(word) for word in get_args(Answer)}
 
@@ -205,7 +205,7 @@ def to_markdown(result: GateResult) -> str:
 
 
 def annotations(result: GateResult, baseline: str = "") -> list[str]:
-    """GitHub workflow commands, one for each kind that did not pass, with its file."""
+    """GitHub annotations, one for each kind of failure."""
     lines = []
     for group in groups(result)[:ANNOTATIONS]:
         first = group.worst
@@ -219,12 +219,12 @@ def annotations(result: GateResult, baseline: str = "") -> list[str]:
 
 
 def _property(text: str) -> str:
-    """Text as a property of a workflow command."""
+    """Escape a text for a property of a GitHub annotation."""
     return _escaped(text).replace(":", "%3A").replace(",", "%2C")
 
 
 def _kind(f: Finding) -> str:
-    """The answer, and of those inconclusive a refusal by its own word."""
+    """The answer, or `refused` for a refusal."""
     return "refused" if f.check == "refused" else f.answer
 
 
@@ -236,7 +236,7 @@ def _table_row(f: Finding) -> str:
 
 
 def _markdown(text: str) -> str:
-    """Text that Markdown shows as it is."""
+    """Escape what Markdown would take for markup."""
     flat = " ".join(text.split())
     return re.sub(r"([\\`*_{}\[\]<>#|!~])", r"\\\1", flat).replace("&", "&amp;")
 
@@ -265,7 +265,7 @@ def comparison_json(a: Run, b: Run, found: RunComparison) -> str:
 
 
 def trend_json(trend: Trend) -> str:
-    """Write a series of runs: the runs in order, and what moved since which."""
+    """Write a trend: the runs in order, and what moved since which run."""
     document = {
         "schema_version": 1,
         "alpha": trend.alpha,
@@ -288,7 +288,7 @@ def trend_json(trend: Trend) -> str:
 
 
 def _moves(moves: Iterable[Move]) -> list[dict[str, Any]]:
-    """Each move with all its values, largest first."""
+    """Each group of changes with all its values, the largest first."""
     return [
         {
             "study": move.study,
@@ -318,7 +318,7 @@ def _value(step: Step) -> dict[str, Any]:
 
 
 def _number(value: float | None) -> float | None:
-    """A number that JSON has; None of all others."""
+    """The number, or None (null in JSON) if it is not finite."""
     return None if value is None or not isfinite(value) else value
 
 

@@ -40,7 +40,7 @@ from simval.verdict import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gap:
-    """A measurement that is missing."""
+    """A measurement that is missing from a run."""
 
     cell: CellName  # without a study for the run as a whole
     reason: str  # what is missing, in words
@@ -48,7 +48,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GateResult:
-    """Result of the gate for a run."""
+    """Result of the gate for one run."""
 
     verdicts: tuple[Verdict, ...]  # against theory
     comparisons: tuple[Comparison, ...]  # with the baseline
@@ -63,13 +63,13 @@ class GateResult:
     first: str = ""  # why nothing was compared though a baseline was wanted
     review: str = ""  # what was done about that, and what is to be done
     notes: tuple[str, ...] = ()  # what else a reader should know; no answer changes
-    # of which theory says nothing at the parameters of their cells: not judged
+    # rows outside the range of their theory: not judged
     outside: tuple[tuple[CellName, Row], ...] = ()
     asked: tuple[Asked, ...] = ()  # what the suite asks, and its answers
 
     @property
     def answer(self) -> Answer:
-        """The worst of all that was judged."""
+        """The worst answer of all that was judged."""
         answers = {overall(self.verdicts), *map(answer_of, self.changes)}
         if "fail" in answers or self._crashed or self.first:
             return "fail"
@@ -78,22 +78,22 @@ class GateResult:
 
     @property
     def endings(self) -> Counter[str]:
-        """Unfinished cells by their ending."""
+        """Number of unfinished cells by how they ended."""
         return Counter(cell.ending for cell in self.unfinished)
 
     @property
     def changes(self) -> Counter[Change]:
-        """Comparisons by the change found."""
+        """Number of comparisons by the kind of change."""
         return Counter(c.change for c in self.comparisons)
 
     @property
     def counts(self) -> Counter[Answer]:
-        """Checks against theory by answer: verdicts without the wide ones."""
+        """Number of checks against theory by answer, without wide ones."""
         return Counter(v.answer for v in self.verdicts if not v.wide)
 
     @property
     def wide(self) -> int:
-        """Number of rows that agree, but allow more than they predict."""
+        """Number of rows that agree but whose tolerance is too wide to count."""
         return sum(v.wide for v in self.verdicts)
 
     @property
@@ -102,7 +102,7 @@ class GateResult:
 
     @property
     def never_run(self) -> str:
-        """Number of cells that were never run, and what to do; empty if all were."""
+        """Say how many cells were never run, and what to do; empty if none."""
         pending = [cell.name for cell in self.unfinished if cell.status == "pending"]
         count = self.endings["pending"]
         if not pending:
@@ -115,13 +115,13 @@ class GateResult:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The values that the baseline has too, for `moved`."""
+        """Changes of the values that the baseline has too."""
         steps = (each.step for each in self.comparisons)
         return tuple(step for step in steps if step is not None)
 
     @property
     def exit_code(self) -> int:
-        """4 crashed, 1 failed, 3 inconclusive or refused, 0 passed: the first."""
+        """4 crashed, 1 failed, 3 inconclusive or refused, 0 passed: the first one."""
         if self._crashed:
             return 4
         return {"fail": 1, "inconclusive": 3, "pass": 0}[self.answer]
@@ -174,7 +174,7 @@ def judge_run(
 
 
 def gaps_of(run: Run) -> Iterator[Gap]:
-    """Everything that a run should have measured and has not."""
+    """Everything that a run should have measured and did not."""
     stated = run.manifest.get("cells")
     if isinstance(stated, int) and stated != len(run.cells):
         reason = f"the suite has {stated} cells, the run holds {len(run.cells)}"
@@ -200,7 +200,7 @@ def _missing(cell: CellResult) -> Iterator[str]:
 
 
 def compared_answers(result: GateResult) -> Counter[Answer]:
-    """Comparisons with the baseline by answer, without what is new."""
+    """Comparisons with the baseline by answer, without new statistics."""
     counts: Counter[Answer] = Counter()
     for change, number in result.changes.items():
         counts[answer_of(change)] += number * (change != "new")
@@ -224,7 +224,7 @@ def headline(result: GateResult) -> str:
 
 
 def outcome(result: GateResult) -> str:
-    """What agrees and what does not, each with its count."""
+    """Count what agrees and what does not."""
     agree, against = _agreement(result)
     said = " and ".join(agree)
     if against:
@@ -237,7 +237,7 @@ def outcome(result: GateResult) -> str:
 
 
 def _agreement(result: GateResult) -> tuple[list[str], list[str]]:
-    """What agrees, and what is missing, disagrees or is not decided."""
+    """What agrees, and what is missing, disagrees or is undecided."""
     endings, theory = result.endings, result.counts
     counts = (
         (endings["crashed"], "cell", "crashed"),
@@ -268,7 +268,7 @@ def _agreement(result: GateResult) -> tuple[list[str], list[str]]:
 
 
 def outside_lines(result: GateResult) -> Iterator[str]:
-    """A line for each study of what theory's range leaves out, and why."""
+    """Say for each study what lies outside theory's range, and why."""
     of: dict[str, list[tuple[CellName, Row]]] = {}
     for name, row in result.outside:
         of.setdefault(name.study, []).append((name, row))
@@ -283,7 +283,7 @@ def outside_lines(result: GateResult) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spent:
-    """The rows of one kind of statistic of a study that are judged by one check."""
+    """Samples spent on the rows of one kind of statistic and one check."""
 
     study: str
     check: str
@@ -300,7 +300,7 @@ class Spent:
 def samples_spent(
     verdicts: Iterable[Verdict], seconds: Mapping[str, float]
 ) -> tuple[Spent, ...]:
-    """Samples that each kind of row needs and spends.
+    """How many samples each kind of row needs, and how many it took.
 
     A verdict needs as many as make the smallest discrepancy that is found with the
     stated power, eq. (V2) of `simval.verdict`, just the practical margin.

@@ -33,7 +33,7 @@ from simval.shapes import Float, Int
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """Values in their order, with what is known of their noise."""
+    """Values in order, with their standard errors."""
 
     values: Float[Array, " n"]
     errors: Float[Array, " n"]  # standard errors, above zero
@@ -52,7 +52,7 @@ class Series:
 
     @cached_property
     def unit(self) -> float:
-        """Size in which all is computed, so that no square overflows."""
+        """Unit in which all is computed, so that no square overflows."""
         return float(self.errors.max())
 
     @cached_property
@@ -72,20 +72,20 @@ class Series:
     def _mean(
         self, start: Int[NDArray[np.int64], " m"], stop: Int[NDArray[np.int64], " m"]
     ) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-        """Mean, from the first value on, and its variance, eq. (D4), in the unit."""
+        """Mean less the first value, and its variance, eq. (D4), in the unit."""
         weights, products, shared = self._sums
         w = weights[stop] - weights[start]
         parts = shared[stop] - shared[start]
         return (products[stop] - products[start]) / w, np.sum(parts**2, axis=-1) / w**2
 
     def level(self, start: int, stop: int) -> tuple[float, float]:
-        """Mean and its standard error from `start` until before `stop`."""
+        """Mean and its standard error, from `start` until before `stop`."""
         mean, variance = self._mean(np.array([start]), np.array([stop]))
         size = float(self.values[0]) + self.unit * float(mean[0])
         return size, self.unit * sqrt(float(variance[0]))
 
     def farthest(self, start: int, stop: int) -> tuple[int, float]:
-        """Place and distance, in standard errors, of the greatest difference."""
+        """Place and size, in standard errors, of the largest difference."""
         best = (start, 0.0)
         k = np.arange(start + 1, stop)
         if not len(k):
@@ -100,14 +100,14 @@ class Series:
         return best
 
     def p_value(self, z: float) -> float:
-        """Probability that any comparison is so far off by chance, at the most."""
+        """Upper bound on the chance that any comparison is so far off."""
         tail = float(scipy.special.ndtr(-z))
         return min(1.0, 2.0 * self.comparisons * tail)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A step: its place, and the levels before and after."""
+    """A step: its place, and the levels before and after it."""
 
     place: int  # of the first value after it
     before: float
@@ -116,17 +116,17 @@ class Found:
 
     @property
     def z(self) -> float:
-        """The difference in standard errors."""
+        """Size of the step in standard errors."""
         return abs(self.after - self.before) / self.error if self.error else inf
 
 
 def least_p(series: Series) -> float:
-    """Probability of the greatest difference in a series without steps."""
+    """Chance of the largest difference if the series has no steps."""
     return series.p_value(series.farthest(0, len(series.values))[1])
 
 
 def steps_in(series: Series, limit: float, more: float) -> tuple[Found, ...]:
-    """Find the steps: the first at one limit of p, further ones at another."""
+    """Find the steps of a series: the first at one level of p, others at another."""
     n = len(series.values)
     place, z = series.farthest(0, n)
     if series.p_value(z) > limit:
@@ -143,7 +143,7 @@ def steps_in(series: Series, limit: float, more: float) -> tuple[Found, ...]:
 
 
 def _kept(series: Series, places: list[int], limit: float) -> tuple[Found, ...]:
-    """Leave out, one by one, the places whose levels do not differ enough."""
+    """Drop places one by one while the levels around one do not differ enough."""
     while True:
         found = _levels(series, places)
         weakest = min(found, key=lambda step: step.z)

@@ -1,4 +1,6 @@
-"""What a suite asks of its run: a table of each quantity, and an answer to each need.
+"""What a suite asks of its run: a table for each quantity, an answer for each need.
+
+A question of two axes that names no quantity asks for those that represent its study.
 
 A need is met in a cell where the value is on the right side of its limit by more than
 chance, at the run's false-alarm rate for all of them together (`simval.verdict`). Of
@@ -6,10 +8,12 @@ few trials, and of samples without a standard error, nothing can be told.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 from typing import Any
+
+import numpy as np
 
 from simval.account import GRAVITY, Answer, Line, Quantity, Reply, Values
 from simval.change import EFFORT
@@ -23,10 +27,26 @@ from simval.spelling import (
     series,
     whole,
 )
+from simval.statistics import (
+    APART,
+    COVARIANCE_ORDER,
+    COVERAGE,
+    LEADING_ERROR_RATIO,
+    LIMIT_RATIO,
+    REST_FORCE,
+    RMS,
+    RMS_OVER_BOUND,
+    RMS_RATIO,
+    SCALE_BIAS,
+    SQUARED_ERROR,
+    VARIANCE_OVER_BOUND,
+    Statistic,
+)
+from simval.studies import STUDIES
 from simval.sweep.needs import UNITS, Need
 from simval.sweep.run import CellResult, Run
 from simval.text import did_you_mean, one_line
-from simval.units import Unit, of_row
+from simval.units import DEGREE, Unit, of_row
 from simval.verdict import ALPHA, MIN_SAMPLES, Verdict, judge
 
 BEGIN: Mapping[Answer, str] = {
@@ -37,9 +57,26 @@ MOST_TIMES = 100.0
 """Times as many trials that are worth naming: beyond it both are the same."""
 
 
+ANY = (
+    RMS,
+    RMS_OVER_BOUND,
+    RMS_RATIO,
+    COVERAGE,
+    SCALE_BIAS,
+    SQUARED_ERROR,
+    VARIANCE_OVER_BOUND,
+    LIMIT_RATIO,
+    COVARIANCE_ORDER,
+    LEADING_ERROR_RATIO,
+    REST_FORCE,
+    APART,
+)
+"""Statistics that represent a study without a headline: the first that it has."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A quantity in one cell."""
+    """A quantity that was measured in one cell."""
 
     cell: CellResult
     row: Row
@@ -47,29 +84,29 @@ class Found:
 
     @property
     def off(self) -> float:
-        """How far it is above its limit."""
+        """Value minus its limit."""
         limit = None if self.verdict is None else self.verdict.row.prediction
         return self.row.value - (limit or 0.0)
 
     @property
     def times(self) -> float:
-        """Times as many trials as would tell it from its limit."""
+        """Factor by which more trials would tell the value from its limit."""
         seen = inf if self.verdict is None else self.verdict.detectable
         return max((seen / (self.off or nan)) ** 2, MIN_SAMPLES / max(self.row.n, 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """A quantity that a suite asks for, in every cell that has it."""
+    """A quantity that a suite asks for, in each cell that measured it."""
 
     need: Need
     question: str  # of the suite
-    unit: Unit  # in which it is told
+    unit: Unit  # in which it is stated
     found: Sequence[Found]
     why: str = ""  # nothing is told of it
 
     def of(self, each: Found) -> Answer | None:
-        """The answer in a cell; None where nothing is needed."""
+        """Whether the need is met in a cell; None if nothing is needed."""
         if each.verdict is None:
             return None
         if each.verdict.answer != "fail":
@@ -78,12 +115,12 @@ class Asked:
 
     @property
     def words(self) -> str:
-        """What it is."""
+        """Name of the quantity."""
         return next((x.row.statistic.words for x in self.found), self.need.quantity)
 
     @property
     def answer(self) -> Answer:
-        """Good news if the need is met in some cell, and bad news if it is in none."""
+        """The best answer of any cell: the need is met if it is met somewhere."""
         answers = [answer for x in self.found if (answer := self.of(x))]
         return min(answers, key=GRAVITY.index, default="inconclusive")
 
@@ -94,14 +131,14 @@ class Asked:
         return one_line(f"{side} {self.need.bound}".replace("^2", "²"))
 
     def spelled(self, each: Found) -> str:
-        """The value in a cell, with its error and unit."""
+        """The value in a cell, with its standard error and unit."""
         row, factor = each.row, self.unit.factor
         words = measured(factor * row.value, factor * row.standard_error)
         return f"{words} {self.unit.name}".rstrip()
 
     @property
     def reply(self) -> Reply:
-        """Whether the need is met, where, and what would tell."""
+        """Answer whether the need is met, where, and what would settle it."""
         counts = Counter(map(self.of, self.found))
         said, total = self.why, len(self.found)
         best = [each for each in self.found if self.of(each) == self.answer]
@@ -132,7 +169,7 @@ class Asked:
 
     @property
     def values(self) -> Values:
-        """A table over what varies: a column for each value of what varies least."""
+        """A table of the cells; the parameter with the fewest values goes across."""
         cells = [each.cell for each in self.found]
         keys = [key for key in varying(cells) if key not in EFFORT]
         columns = [len({repr(c.parameters.get(key)) for c in cells}) for key in keys]
@@ -160,7 +197,7 @@ class Asked:
         )
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values, numbers in the unit of results.csv."""
+        """Return it as plain JSON values, in the units of results.csv."""
         return {
             **self.need.model_dump(exclude_defaults=True),
             "unit": next((each.row.unit for each in self.found), None),
@@ -178,8 +215,9 @@ class Asked:
 
 
 def asked(run: Run, alpha: float = ALPHA) -> tuple[Asked, ...]:
-    """What a run says of the quantities that its suite names."""
-    needs = [Need.model_validate(each) for each in run.manifest.get("need", ())]
+    """Find the quantities that a run's suite asks for, and judge their needs."""
+    stated = [Need.model_validate(each) for each in run.manifest.get("need", ())]
+    needs = dict.fromkeys(stated, None) or dict(_of_question(run))
     rows = [
         (need, cell, row)
         for need in needs
@@ -200,11 +238,51 @@ def asked(run: Run, alpha: float = ALPHA) -> tuple[Asked, ...]:
             Found(cell=cell, row=row, verdict=next(verdicts) if known else None)
         )
     question = run.manifest.get("question", "")
-    return tuple(_asked(run, need, question, own) for need, own in found.items())
+    return tuple(
+        _asked(run, need, question, own, needs[need]) for need, own in found.items()
+    )
+
+
+def _of_question(run: Run) -> Iterator[tuple[Need, Unit | None]]:
+    """Quantities of a question of two axes that names none; units of a headline."""
+    cells = [cell for cell in run.cells if cell.rows]
+    studies = {cell.study for cell in cells}
+    axes = [key for key in varying(cells) if key not in EFFORT]
+    if not run.manifest.get("question") or len(studies) != 1 or len(axes) < 2:
+        return
+    (study,) = studies
+    headline = STUDIES[study].headline if study in STUDIES else None
+    found: dict[Statistic, Unit | None] = {
+        q.of: replace(DEGREE, factor=q.times * DEGREE.factor) if q.angle else q.unit
+        for name, q in (headline.quotes.items() if headline else ())
+        if name != "over"
+    }
+    first = headline_rows(cells[0])[:1]
+    for what, unit in (found or {row.statistic: None for row in first}).items():
+        yield Need.model_validate({"quantity": f"{study}.{what}"}), unit
+
+
+def headline_rows(cell: CellResult) -> list[Row]:
+    """Rows, those that say most first: of each statistic the one farthest off."""
+    finite = [row for row in cell.rows if np.isfinite(row.value)]
+    found = []
+    for family in dict.fromkeys((*ANY, *(row.statistic.family for row in finite))):
+        rows = [row for row in finite if row.statistic.family == family]
+        judged = [row for row in rows if row.check != "record"]
+        if rows:
+            found.append(max(judged or rows, key=distance))
+    return [*found, *(row for row in finite if row not in found)]
+
+
+def distance(row: Row) -> float:
+    """How far a value is from its prediction, or from nothing."""
+    if row.prediction is None or not np.isfinite(row.prediction):
+        return abs(row.value)
+    return abs(row.value - row.prediction) / (abs(row.prediction) or 1.0)
 
 
 def _check(row: Row) -> Check:
-    """A value of many samples has an error; without one nothing is told of it."""
+    """The rule to judge by: sampling where there is an error or many samples."""
     return "plain" if row.standard_error > 0.0 or row.n > 1 else "exact"
 
 
@@ -212,8 +290,10 @@ def _first(cell: CellResult, need: Need) -> Sequence[Row]:
     return [row for row in cell.rows if str(row.statistic) == need.statistic][:1]
 
 
-def _asked(run: Run, need: Need, question: str, found: Sequence[Found]) -> Asked:
-    unit, why = of_row(found[0].row.unit) if found else of_row("1"), ""
+def _asked(
+    run: Run, need: Need, question: str, found: Sequence[Found], shown: Unit | None
+) -> Asked:
+    unit, why = shown or of_row(found[0].row.unit if found else "1"), ""
     if not found:
         cells = run.of(need.study)
         known = {str(row.statistic) for cell in cells for row in cell.rows}
@@ -235,7 +315,7 @@ def _setting(cell: CellResult, key: str) -> str:
 
 
 def _place(cell: CellResult, cells: Sequence[CellResult], but: str = "") -> str:
-    """What sets a cell apart from others, in words."""
+    """Say which parameters distinguish a cell from the others."""
     keys = [key for key in varying(cells) if key not in (*EFFORT, but)]
     words = [_setting(cell, key) for key in keys]
     seeds = {each.seed for each in cells}
@@ -243,10 +323,10 @@ def _place(cell: CellResult, cells: Sequence[CellResult], but: str = "") -> str:
 
 
 def replies_to(found: Sequence[Asked]) -> list[Reply]:
-    """An answer to each need."""
+    """The answer for each need."""
     return [each.reply for each in found if each.need.bound]
 
 
 def tables_of(found: Sequence[Asked]) -> list[Values]:
-    """A table of each quantity that varies."""
+    """A table for each quantity that varies."""
     return [each.values for each in found if len(each.found) > 1]

@@ -1,4 +1,4 @@
-"""Answers of gate, comparisons and trends as accounts; the gate's failures as text."""
+"""Results of the gate, comparisons and trends as accounts."""
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -88,18 +88,18 @@ def _to_do(result: GateResult) -> Iterator[str]:
 
 
 def every_line(result: GateResult) -> Iterator[str]:
-    """Each finding that did not pass, one by one."""
+    """Describe each finding that did not pass."""
     for finding in _below(result):
         yield from _indented(details(finding))
 
 
 def _below(result: GateResult) -> list[Finding]:
-    """Findings that did not pass, but for a missing baseline: the answer says that."""
+    """Findings that did not pass, except a missing baseline, which the answer names."""
     return [f for f in findings(result, passes=False) if f.check != "first"]
 
 
 def short_lines(result: GateResult) -> Iterator[str]:
-    """Findings that did not pass: one by one if few, else by study and kind.
+    """Findings that did not pass: each if they are few, else by study and kind.
 
     All that need more trials are one line.
     """
@@ -123,7 +123,7 @@ def short_lines(result: GateResult) -> Iterator[str]:
 
 
 def _rest(hidden: Sequence[Group]) -> str:
-    """Findings that are not shown, and how to see them."""
+    """Say what is not shown, and how to see it."""
     if not hidden:
         return "--all prints every one"
     count = sum(len(group.findings) for group in hidden)
@@ -157,7 +157,7 @@ def run_account(
     failures: Failures,
     judged: GateResult | None,
 ) -> Account:
-    """State what became of a run's cells, whether they agree with theory, what next."""
+    """State what became of a run's cells, if they agree with theory, and what next."""
     place = shlex.quote(str(folder))
     crashed = failures.failed - failures.refused
     of, took = f"of suite {suite}", duration(seconds)
@@ -218,7 +218,7 @@ SHOWN = 8
 
 
 def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
-    """State what changed from one run to another, and which way."""
+    """State what changed between two runs, and whether for better or worse."""
     changed = found.kinds.count("changed")
     settings = short_names(b.cells)
     dependencies = [Fact("differs", each, notable=True) for each in found.environment]
@@ -236,8 +236,8 @@ def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
     lines = []
     if found.within:
         lines.append(
-            f"{whole(found.within)} of them changed by less than chance may: the noise "
-            "is the same, so the algorithm or its environment is not."
+            f"{whole(found.within)} of them changed by less than chance could; the "
+            "noise is the same, so the algorithm or its environment is another."
         )
     if found.predictions_changed:
         count = counted(found.predictions_changed, "prediction")
@@ -264,14 +264,14 @@ def runs_account(a: Run, b: Run, found: RunComparison) -> Account:
 
 
 def _verdict(total: int, count: Callable[[Standing], int]) -> Answer:
-    """Bad news if anything is worse, and no news if it cannot be told."""
+    """Fail if something is worse, inconclusive if it cannot be told, else pass."""
     if count("worse"):
         return "fail"
     return "inconclusive" if not total or count("neither") else "pass"
 
 
 def changed_words(changed: int, total: int, count: Callable[[Standing], int]) -> str:
-    """How many of some values changed, and which way."""
+    """Say how many of some values changed, and in which direction."""
     if not changed:
         return f"No change in {counted(total, 'value')}"
     values = "value changed" if total == 1 else "values changed"
@@ -279,7 +279,7 @@ def changed_words(changed: int, total: int, count: Callable[[Standing], int]) ->
 
 
 def _ways(count: Callable[[Standing], int]) -> str:
-    """How many changed which way."""
+    """Say how many changed in which direction."""
     names = {
         "worse": "worse",
         "better": "better",
@@ -291,7 +291,7 @@ def _ways(count: Callable[[Standing], int]) -> str:
 def _changes(
     moves: Sequence[tuple[str, Move]], settings: Mapping[str, str]
 ) -> list[Values]:
-    """Each kind of change with the value that moved most, and all values at length.
+    """Each kind of change: its largest value at once, all values on request.
 
     Before a move stands since when it is so, where it is of a series.
     """
@@ -322,7 +322,7 @@ def _value(step: Step, settings: Mapping[str, str]) -> str:
 
 
 def _size(step: Step) -> str:
-    """By how much a value changed."""
+    """Say by how much a value changed."""
     sigmas, relative = step.sigmas, step.relative
     size = "" if sigmas is None else f", {sigmas:+.3g} standard errors"
     return size + ("" if relative is None else f", {100.0 * relative:+.3g} %")
@@ -374,14 +374,14 @@ def trend_account(trend: Trend) -> Account:
 
 
 def _since(origin: Origin) -> str:
-    """The commit of a run, and its folder."""
+    """A run as its commit and its folder."""
     if origin.label == origin.name:
         return origin.name
     return f"{origin.label} ({origin.name})"
 
 
 def _row(origin: Origin) -> str:
-    """Where a run comes from, in a table."""
+    """A run as the label of a table's row."""
     day = (origin.committed or origin.started)[:10]
     seeds = f"seed {' '.join(map(str, origin.seeds))}"
     return ", ".join(filter(None, (origin.name, origin.commit, day, seeds)))
@@ -434,12 +434,12 @@ def algorithms_account(
                 lines=(f"The false-alarm rate is {found.alpha:g} for all together.",),
             )
         ],
-        values=[Values(title="Each by its size", facts=facts)],
+        values=[Values(title="Differences, the largest first", facts=facts)],
     )
 
 
 def _merit(merit: Merit, first: str, second: str) -> str:
-    """One quality of both, and by how much they differ."""
+    """One quality of both algorithms, and the difference."""
     accurate = merit.what == ACCURACY
     size, error = merit.difference, merit.error
     numbers = f"{first} {merit.a:.4g}, {second} {merit.b:.4g}"
@@ -455,7 +455,7 @@ def _merit(merit: Merit, first: str, second: str) -> str:
 
 
 def _same(same: Sequence[Merit]) -> Iterator[str]:
-    """Of each kind of quality that is the same how great a difference may be."""
+    """For qualities that are the same, say how large a difference may still be."""
     for what in (ACCURACY, HONESTY):
         own = [merit for merit in same if merit.what == what]
         if own:

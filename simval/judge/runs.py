@@ -1,4 +1,4 @@
-r"""Comparison of two runs: what changed, with its uncertainty.
+r"""Comparison of two runs: what changed, compared with its uncertainty.
 
 A cell is matched by its study and parameters, without the seed and the number of
 samples. Several equal ones are matched by seed or, without a common seed, in order.
@@ -52,7 +52,7 @@ SHORT = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """Origin of a run: folder, suite, seeds and commit."""
+    """Where a run comes from: folder, suite, seeds and commit."""
 
     name: str  # of its folder
     suite: str
@@ -64,12 +64,12 @@ class Origin:
 
     @property
     def label(self) -> str:
-        """The commit, else the folder."""
+        """The commit if it is known, else the folder."""
         return self.commit or self.name
 
     @property
     def words(self) -> str:
-        """One-line summary, dates as days."""
+        """The origin in one phrase, with dates as days."""
         when = self.committed or self.started
         of = " of " if self.committed else ", run on "
         commit = f"commit {self.commit}" if self.commit else "commit unknown"
@@ -81,7 +81,7 @@ class Origin:
 
 
 def origin_of(run: Run) -> Origin:
-    """Read from a run where it comes from."""
+    """Read the origin of a run from its manifest."""
     git = run.manifest.get("git", {})
     commit = str(git.get("commit") or "")[:SHORT]
     return Origin(
@@ -96,7 +96,7 @@ def origin_of(run: Run) -> Origin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference(Step):
-    """One statistic in both runs: its step, and the rows that it is between.
+    """Change of one statistic between two runs, with its rows in both.
 
     The standard error is that of eq. (D1), on the same noise that of the value before.
     Theories that the same value is compared with are one difference; `a` and `b` are
@@ -113,13 +113,13 @@ class Difference(Step):
 
     @property
     def name(self) -> str:
-        """Statistic, and the theories it is compared with."""
+        """The statistic, and the theories that judge it."""
         theories = "; ".join(p for p in self.predictors if p)
         return f"{self.statistic}{' against ' if theories else ''}{theories}"
 
 
 class Pair(NamedTuple):
-    """A statistic in two cells, and the theories that it is compared with."""
+    """A statistic of a cell in two runs, with the theories that judge it."""
 
     old: CellResult
     new: CellResult
@@ -131,13 +131,13 @@ class Pair(NamedTuple):
 
     @property
     def same_noise(self) -> bool:
-        """True if both have drawn the same noise."""
+        """True if both were measured with the same noise."""
         return self.old.name == self.new.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunComparison:
-    """The statistics that two runs share, and where the runs differ."""
+    """Comparison of the statistics that two runs share."""
 
     pairs: tuple[Pair, ...]  # a statistic in both
     kinds: tuple[Kind, ...]  # of each pair
@@ -153,7 +153,7 @@ class RunComparison:
 
     @property
     def total(self) -> int:
-        """Number of statistics that both have."""
+        """Number of statistics that both runs have."""
         return len(self.pairs)
 
     @property
@@ -163,7 +163,7 @@ class RunComparison:
 
     @cached_property
     def differences(self) -> tuple[Difference, ...]:
-        """All differences: changed ones first, each by how far it moved."""
+        """All differences, changed ones first, the largest first."""
         return (*self.of("changed"), *self.of("same"))
 
     @property
@@ -181,7 +181,7 @@ class RunComparison:
         )
 
     def of(self, kind: Kind) -> tuple[Difference, ...]:
-        """Differences of one kind, by how far they moved.
+        """Differences of one kind, the largest first.
 
         Parameters
         ----------
@@ -198,7 +198,7 @@ class RunComparison:
         return tuple(sorted(found, key=lambda each: (-each.weight, each.cell_a)))
 
     def count(self, standing: Standing) -> int:
-        """Number that changed this way.
+        """Number of statistics that changed in this direction.
 
         Parameters
         ----------
@@ -343,7 +343,7 @@ def _judged(
 ) -> tuple[
     tuple[Kind, ...], tuple[float, ...], tuple[float, ...], int, dict[int, Standing]
 ]:
-    """Judge pairs of statistics together: kinds, errors, p-values, and ways."""
+    """Judge all pairs together: kinds, errors, p-values, and directions."""
     both = [pair.entries for pair in pairs]
     numbers = [(p.a.value, p.b.value, p.a.standard_error, p.b.standard_error)
                for p in pairs]  # fmt: skip
@@ -382,7 +382,7 @@ def _judged(
 
 
 def shared_words(a: Run, b: Run) -> str:
-    """Say what two runs without a common cell do have in common."""
+    """Say what two runs have in common if it is not a single cell."""
     studies = [
         list(dict.fromkeys(c.study for c in run.cells if c.status == "done"))
         for run in (a, b)

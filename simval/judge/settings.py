@@ -1,4 +1,4 @@
-"""The settings of cells in words: which parameters differ, each with its unit."""
+"""Settings of cells in words: the parameters that differ, with their units."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,13 +7,13 @@ from simval.sweep.run import CellResult
 
 
 def varying(cells: Sequence[CellResult]) -> list[str]:
-    """Parameters that are not the same in all cells."""
+    """Names of the parameters that differ between cells."""
     keys = sorted({key for cell in cells for key in cell.parameters})
     return [k for k in keys if len({repr(c.parameters.get(k)) for c in cells}) > 1]
 
 
 class Parameter(NamedTuple):
-    """Words of a parameter."""
+    """Name and unit of a parameter, for people."""
 
     name: str
     unit: str = ""
@@ -59,7 +59,7 @@ PARAMETERS = {
 
 
 def named(study: str, key: str) -> Parameter:
-    """Name and unit of a parameter; of one that is not known its own name."""
+    """Name and unit of a parameter; an unknown one is called as it is written."""
     found = PARAMETERS.get(key, Parameter(key.replace("_", " ")))
     if key == "noise_std" and study in ACCELEROMETER:
         return found._replace(unit="m/s²")
@@ -74,7 +74,7 @@ def axis_words(study: str, key: str) -> str:
 
 
 def setting_words(study: str, key: str, value: object) -> str:
-    """Spell a parameter with its value."""
+    """Say a parameter with its value."""
     name, unit, counted = named(study, key)
     if isinstance(value, bool):
         return name if value else f"no {name}"

@@ -1,4 +1,4 @@
-r"""Changes between runs: direction and size, of single values and of groups.
+r"""Changes between runs, with their direction and size, singly and in groups.
 
 A `Step` is one statistic of one cell, before and after. It is *better* or *worse* by
 the direction of its family (`simval.statistics.Family.better`), through the loss
@@ -39,7 +39,7 @@ AIMED = ("zero", "prediction")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One statistic of one cell, before and after."""
+    """Change of one statistic of one cell."""
 
     study: str
     cell: str  # as the later run names it
@@ -54,12 +54,12 @@ class Step:
 
     @property
     def sigmas(self) -> float | None:
-        """Change in standard errors; None where there is no chance."""
+        """Change in standard errors; None if no chance is involved."""
         return (self.after - self.before) / self.error if self.error > 0.0 else None
 
     @property
     def relative(self) -> float | None:
-        """Change over the size before; None of zero, or where zero is aimed at."""
+        """Relative change; None for a value of zero, or one that should be zero."""
         if not self.before or self.statistic.better == "zero":
             return None
         return (self.after - self.before) / abs(self.before)
@@ -83,14 +83,14 @@ class Step:
 
     @property
     def loss_change(self) -> float:
-        """Change of the loss, eq. (D3); NaN where neither way is better."""
+        """Change of the loss, eq. (D3); NaN where no direction is better."""
         values = (self.before, self.after)
         return loss_change(self.statistic, values, self.predictions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """The values of one kind that changed in one direction."""
+    """Values of one kind that changed in the same direction."""
 
     study: str
     what: str  # the kind of statistic in words
@@ -101,23 +101,23 @@ class Move:
 
     @property
     def worst(self) -> Step:
-        """The value that moved most."""
+        """The value that changed most."""
         return self.steps[0]
 
     @property
     def sigmas(self) -> float | None:
-        """Greatest change in standard errors; None where there is no chance."""
+        """Largest change in standard errors; None if no chance is involved."""
         sizes = [abs(s.sigmas) for s in self.steps if s.sigmas is not None]
         return max((s for s in sizes if isfinite(s)), default=None)
 
     @property
     def way(self) -> str:
-        """The direction in a word: ``better``, ``worse`` or ``moved``."""
+        """The direction in one word: ``better``, ``worse`` or ``moved``."""
         return "moved" if self.standing == "neither" else self.standing
 
     @property
     def size(self) -> str:
-        """By how much, in words: ``1.7 % larger``."""
+        """Say by how much the values changed: ``1.7 % larger``."""
         aim = self.worst.statistic.better
         if aim in AIMED:
             return self._distance("0" if aim == "zero" else "its prediction")
@@ -130,14 +130,14 @@ class Move:
 
     @property
     def sentence(self) -> str:
-        """The change in words but for its direction: what, by how much and where."""
+        """Say what changed, by how much and where."""
         sigmas = self.sigmas
         far = "" if sigmas is None else f", up to {_digits(sigmas)} standard errors"
         where = "" if self.of == 1 else f" in {self.cells} of {self.of} cells"
         return f"{self.study}, {self.what}: {self.size}{where}{far}"
 
     def _distance(self, aim: str) -> str:
-        """Change of the distance from what is aimed at."""
+        """Say by how much the distance from the aim changed."""
         unit = self.worst.statistic.unit
         suffix = "" if unit == "1" else f" {unit}"
         if self.standing == "neither":
@@ -168,12 +168,12 @@ def _range(values: Sequence[float]) -> str:
 
 
 def _digits(sigmas: float) -> str:
-    """Standard errors with digits that mean something."""
+    """Standard errors to the digits that matter."""
     return f"{sigmas:,.0f}" if sigmas >= 100.0 else f"{sigmas:.2g}"
 
 
 def loss(statistic: Statistic, value: float, prediction: float | None) -> float:
-    """Loss of a value, eq. (D3); NaN where neither way is better."""
+    """Loss of a value, eq. (D3); NaN where no direction is better."""
     if statistic.better is None or (
         statistic.better == "prediction" and prediction is None
     ):
@@ -199,14 +199,14 @@ def loss_change(
 
 
 def standing(change: float, least: float) -> Standing:
-    """Direction in which a loss changed; neither if by no more than `least`."""
+    """Whether a change of the loss is better, worse, or below what counts."""
     if not abs(change) > least:  # nor of NaN
         return "neither"
     return "better" if change < 0.0 else "worse"
 
 
 def kind_of(statistic: Statistic) -> str:
-    """A statistic in words, without which axis, level or quantile: ``RMS of K``."""
+    """Kind of a statistic in words, without axis, level or quantile."""
     kinds = statistic.kinds
     words = f"{statistic.family.words}{' of ' if kinds else ''}{', '.join(kinds)}"
     return f"{words}, control variates" if statistic.controlled else words
@@ -257,7 +257,7 @@ def moved(
 
 
 def short_names(cells: Iterable[CellResult]) -> dict[str, str]:
-    """What sets each cell apart from the others of its study, by its name."""
+    """Short name of each cell: what distinguishes it in its study."""
     studies: dict[str, list[CellResult]] = {}
     for cell in cells:
         studies.setdefault(cell.study, []).append(cell)
@@ -273,7 +273,7 @@ def short_names(cells: Iterable[CellResult]) -> dict[str, str]:
 
 
 def rounding_of(rows: Sequence[Row], error: ArrayLike) -> Float[Array, " n"]:
-    """Bound on the change that rounding makes in rows with these standard errors."""
+    """Largest change that rounding alone makes in rows with these errors."""
     errors = np.broadcast_to(np.asarray(error, dtype=float), len(rows))
     remainder = np.array([row.remainder for row in rows], dtype=float)
     exact = np.array([row.check == "exact" for row in rows], dtype=bool)

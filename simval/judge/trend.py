@@ -1,4 +1,4 @@
-"""A series of runs: what became better or worse, since which commit, by how much.
+"""Series of runs: what became better or worse, by how much, since which commit.
 
 The runs of a folder are in the order of their commits. A statistic is a line over them,
 followed by its study, its parameters (without seed and samples), its place among equal
@@ -53,7 +53,7 @@ Question = tuple[str, str, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """A statistic in one run."""
+    """A statistic in one of the runs."""
 
     run: int  # place of the run in the series
     cell: str
@@ -62,7 +62,7 @@ class Point:
 
     @property
     def value(self) -> float:
-        """The value; the limit where it is below one."""
+        """The value, or the limit where the value is below it."""
         row = self.row
         below = row.check == "limit" and row.prediction is not None
         return max(row.value, row.prediction or 0.0) if below else row.value
@@ -70,7 +70,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """One statistic over the runs that have it."""
+    """A statistic followed over the runs that have it."""
 
     study: str
     statistic: Statistic
@@ -78,7 +78,7 @@ class Line:
 
     @property
     def cell(self) -> str:
-        """Its cell, as the newest run names it."""
+        """Name of its cell in the newest run."""
         return self.points[-1].cell
 
 
@@ -119,7 +119,7 @@ def read_runs(folder: str | Path) -> tuple[Run, ...]:
 
 
 def ordered_by(origins: Sequence[Origin]) -> str:
-    """Criterion by which the runs are ordered, in words."""
+    """Say by which date the runs are ordered."""
     known = all(origin.committed for origin in origins)
     return "the date of their commits" if known else "the date of their runs"
 
@@ -156,7 +156,7 @@ def _require_one_suite(runs: Sequence[Run]) -> None:
 
 
 def _cells(run: Run) -> Iterator[tuple[Question, CellResult]]:
-    """Finished cells of a run by what they ask."""
+    """Finished cells of a run, each with what it measures."""
     seen: Counter[tuple[str, str]] = Counter()
     for cell in sorted(run.cells, key=lambda cell: cell.seed):
         asked = cell.study, str(question(cell.parameters))
@@ -181,7 +181,7 @@ def lines_of(runs: Sequence[Run]) -> tuple[Line, ...]:
 
 
 def _rows(cell: CellResult) -> Iterator[tuple[str, Row]]:
-    """Each value once, however many theories judge it."""
+    """Rows of a cell, each value once, even if several theories judge it."""
     groups: dict[Statistic, list[Row]] = {}
     for row in cell.rows:
         groups.setdefault(row.statistic, []).append(row)
@@ -197,7 +197,7 @@ def _rows(cell: CellResult) -> Iterator[tuple[str, Row]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Break:
-    """A step of one line."""
+    """A step in one line."""
 
     run: int  # place of the first run after it
     line: int  # place of the line
@@ -206,7 +206,7 @@ class Break:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """A series of runs and the steps in it."""
+    """A series of runs, and the steps found in it."""
 
     origins: tuple[Origin, ...]  # the runs in their order
     lines: tuple[Line, ...]  # each statistic over the runs that have it
@@ -219,11 +219,11 @@ class Trend:
 
     @property
     def changed(self) -> int:
-        """Number of lines that have a step."""
+        """Number of lines with a step."""
         return len({each.line for each in self.breaks})
 
     def count(self, run: int, way: Standing) -> int:
-        """Number of lines that have a step at a run, this way.
+        """Number of lines with a step at a run in this direction.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class Trend:
 
     @property
     def moves(self) -> tuple[tuple[int, Move], ...]:
-        """Moves with the place of their run, the largest first."""
+        """Groups of changes, each with the run where they begin, largest first."""
         found = [
             (run, move)
             for run in sorted({each.run for each in self.breaks})
@@ -250,7 +250,7 @@ class Trend:
         return tuple(sorted(found, key=lambda pair: (-pair[1].worst.weight, pair[0])))
 
     def _steps_at(self, run: int) -> Iterator[Step]:
-        """Steps of all lines at a run; of those without one, one that did not move."""
+        """One step for each line at a run; lines without one did not move."""
         at = {each.line: each.step for each in self.breaks if each.run == run}
         for number, line in enumerate(self.lines):
             yield at.get(number) or Step(
@@ -323,7 +323,7 @@ def trend_of(runs: Sequence[Run], alpha: float = ALPHA) -> Trend:
 
 
 def _neighbours(points: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
-    """Points without chance, each after the one that it may be compared with.
+    """Pairs of points without chance that may be compared, each with the one before.
 
     What is of one draw of the noise is compared with the last of the same seed: another
     seed is no change of code.
@@ -337,7 +337,7 @@ def _neighbours(points: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
 
 
 def _series(line: Line) -> Series | None:
-    """Values with chance; None of a line without."""
+    """The line's values that involve chance; None if there are none."""
     points = [point for point in line.points if isfinite(point.value)]
     errors = np.array([point.row.standard_error for point in points])
     # a share that was 0 or 1 in all trials has no spread of its own to tell its error
@@ -355,7 +355,7 @@ def _series(line: Line) -> Series | None:
 def _step(
     line: Line, run: int, levels: tuple[float, float, float], least: float
 ) -> Step:
-    """A step of a line at a run, with its direction."""
+    """The step of a line at a run, with its direction."""
     at = next(i for i, point in enumerate(line.points) if point.run == run)
     theory = line.points[at - 1].row.prediction, line.points[at].row.prediction
     before, after, error = levels
@@ -376,7 +376,7 @@ def _step(
 def _within(
     runs: int, lines: Sequence[Line], breaks: Sequence[Break]
 ) -> tuple[int, ...]:
-    """Count the values that moved on the same noise without being a step."""
+    """Count for each run the values that moved on the same noise without a step."""
     steps = {(each.line, each.run) for each in breaks}
     pairs = [
         (old, new)

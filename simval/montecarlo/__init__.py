@@ -1,4 +1,4 @@
-"""Seeded trials: streaming moments with standard errors, and variance reduction."""
+"""Seeded trials, their moments with standard errors, and variance reduction."""
 
 from simval.montecarlo.plain import (
     Sampler,

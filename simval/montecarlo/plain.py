@@ -1,4 +1,4 @@
-r"""Seeded trials of a callable: streaming mean and covariance with standard errors.
+r"""Seeded trials of a function: mean and covariance of its errors, with their errors.
 
 A sample is a p-vector error :math:`e`. The features of a sample are
 :math:`m = (e, \mathrm{vech}\, ee^T)`; they are averaged over batches of consecutive
@@ -41,7 +41,7 @@ Sampler = Callable[[np.random.Generator, int], Array]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sums:
-    """Merged batch means of the features: count, mean and scatter.
+    """Batch means of the features, merged into count, mean and scatter.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Sums:
 
 
 def merged(first: Sums, second: Sums) -> Sums:
-    """Sums of both (Chan, Golub and LeVeque's update); batches of the same size."""
+    """Merge two sums with batches of the same size (Chan, Golub and LeVeque)."""
     total = first.batches + second.batches
     step = second.mean - first.mean
     spread = first.batches * second.batches / total * np.outer(step, step)
@@ -85,7 +85,7 @@ def merged(first: Sums, second: Sums) -> Sums:
 
 
 def batch_means(errors: Float[Array, "p n"], batch: int) -> Array:
-    """Features averaged over batches of consecutive samples."""
+    """Means of the features over batches of consecutive samples."""
     batch = whole_number("batch", batch, 1)
     errors = shaped_array("the errors", errors, (None, None))
     if errors.ndim != 2 or errors.size == 0 or errors.shape[1] % batch:
@@ -105,7 +105,7 @@ def batch_means(errors: Float[Array, "p n"], batch: int) -> Array:
 
 
 def sums_of(means: Float[Array, "batches m"], batch: int) -> Sums:
-    """Sums of some batch means, (batches, m)."""
+    """Sums of batch means, (batches, m)."""
     mean = means.mean(axis=0)
     deviation = means - mean
     scatter = deviation.T @ deviation
@@ -171,7 +171,7 @@ def simulate(
 def summed(
     means: Callable[[int], Array], blocks: int, batch: int, threads: int
 ) -> Sums:
-    """Sums of the batch means of so many blocks, whoever computes which of them."""
+    """Sums over blocks of batch means, the same for any number of threads."""
     groups = [range(k, min(k + GROUP, blocks)) for k in range(0, blocks, GROUP)]
 
     def work(group: range) -> Sums:
@@ -186,7 +186,7 @@ def summed(
 def finite_means(
     means: Float[Array, "batches m"], errors: Float[Array, "p n"], number: int
 ) -> Float[Array, "batches m"]:
-    """Refuse a block in which an error of a trial is not finite."""
+    """Refuse a block with an error that is not finite."""
     if not np.isfinite(means).all():
         bad = int(np.count_nonzero(~np.isfinite(errors).all(axis=0)))
         msg = (
@@ -203,7 +203,7 @@ def _in_order(
     groups: list[range],
     ahead: int,
 ) -> Iterator[Sums]:
-    """Results in the order of the groups, few of them waiting at any time."""
+    """Results in the order of the groups, of which few are computed ahead."""
     waiting: deque[Future[Sums]] = deque()
     for group in groups:
         waiting.append(pool.submit(work, group))
@@ -327,12 +327,12 @@ def along(sums: Sums, weight: Array) -> tuple[float, float]:
 
 @cache
 def _upper(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Row and column of each entry of the upper triangle, in reading order."""
+    """Row and column of each entry of an upper triangle, in reading order."""
     return np.triu_indices(p)
 
 
 def _variance(sums: Sums) -> Float[Array, "m m"]:
-    """Covariance of the mean features, eq. (M1)."""
+    """Covariance of the mean of the features, eq. (M1)."""
     if not sums.batches >= 2:
         msg = f"{sums.batches} batch of samples has no standard error; use 2 or more"
         raise InputError(msg)

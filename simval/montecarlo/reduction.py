@@ -1,4 +1,4 @@
-r"""Variance reduction: the same moments from fewer samples.
+r"""Variance reduction: the same moments from fewer trials.
 
 The errors are a function :math:`e(x)` of standard normal noise :math:`x`. Their
 features :math:`m(e) = (e, \mathrm{vech}\,ee^T)` are averaged over antithetic pairs, in
@@ -46,7 +46,7 @@ MOST = 300
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Taylor(ReadOnly):
-    """Second-order Taylor polynomial of the errors.
+    """Second-order Taylor polynomial of the errors in the noise.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Taylor(ReadOnly):
         return self.slope @ x + 0.5 * np.einsum("pdn,dn->pn", bent, x) + self.value
 
     def features(self) -> Float[Array, " m"]:
-        """Means of its features for standard normal noise, eq. (R1), (p (p + 3) / 2,).
+        """Means of the features for standard normal noise, eq. (R1), (p (p + 3) / 2,).
 
         Returns
         -------
@@ -122,7 +122,7 @@ def simulate_reduced(
     samples: int,
     block: int = 4096,
 ) -> Sums:
-    """Run seeded trials in antithetic pairs with the Taylor polynomial as control.
+    """Run trials in antithetic pairs, with the Taylor polynomial as control variate.
 
     Parameters
     ----------
@@ -169,5 +169,5 @@ def simulate_reduced(
 
 
 def _checked(errors: Errors, x: Float[Array, "d n"]) -> Array:
-    """Result of the callable, required to be (p, n) of real numbers."""
+    """Call the function, and check that it returns (p, n) real numbers."""
     return shaped_array("the errors", errors(x), (None, x.shape[1]))

@@ -1,4 +1,4 @@
-"""User-supplied algorithms: their protocol, how they are loaded and probed.
+"""Algorithms of users: their protocol, how they are loaded, run and probed.
 
 A plug-in is an `Estimator`, a `Calibrator`, a `Filter` or a scene
 (`simval.scene.Scene`), held by a Python file, offered as an entry point of the group

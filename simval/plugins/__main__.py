@@ -1,4 +1,4 @@
-"""Main program of a plug-in's process, started by `simval.plugins.child`."""
+"""Main program of a plug-in's process, which `simval.plugins.child` starts."""
 
 import sys
 

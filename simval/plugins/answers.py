@@ -1,4 +1,4 @@
-r"""Calls of an algorithm, and the checks of its answers.
+r"""Call an algorithm, and check its answers.
 
 Vectors are a list b1, ..., bk, r1, ..., rk of batches, whatever the form. Arrays that
 are one to the caller are one to the estimator, and it works on copies, which it must
@@ -48,7 +48,7 @@ Shape = tuple[int, ...]
 
 
 def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
-    """Answer of a user's function; an exception is converted by `ended`."""
+    """Call a user's function; exceptions become plug-in errors (`ended`)."""
     try:
         return function(*arguments, **words)
     except PluginError:
@@ -58,7 +58,7 @@ def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
 
 
 def ended(name: str, error: BaseException, where: str = "") -> PluginError:
-    """Error for a plug-in that has raised: it has crashed.
+    """Error for a plug-in that raised an exception.
 
     But for one of our refusals: a plug-in that says that its data has no answer. What
     was found of it already stays what it is.
@@ -77,7 +77,7 @@ def answers(
     noise: VectorNoise | None,
     *more: Any,
 ) -> list[Any]:
-    """Answers of a function: one for a batch, else one for each row."""
+    """Call a function on all rows at once, or on each row by itself."""
     given, words = stacked(estimator, vectors), handed(estimator, vectors, noise)
     kept = [a.copy() for a in (*given, *words.values())]
     n = len(vectors[0])
@@ -104,7 +104,7 @@ def one_answer(
     truth: list[Float[Array, "1 3"]],
     noise: VectorNoise,
 ) -> Any:
-    """Answer of one row of numbers of any kind, unchecked; `truth` is their values."""
+    """Unchecked answer for one row of numbers of any type."""
     given, words = stacked(estimator, vectors), handed(estimator, truth, noise)
     if not estimator.batch:
         given, words = _row(0, given, words)
@@ -112,7 +112,7 @@ def one_answer(
 
 
 def stacked(estimator: Estimator, vectors: list[Any]) -> list[Any]:
-    """Vectors as an estimator takes them, in copies."""
+    """Copies of the vectors, in the arrangement that an estimator takes."""
     k = len(vectors) // 2
     own = {id(v): np.array(v) for v in vectors}
     each = [own[id(v)] for v in vectors]
@@ -144,7 +144,7 @@ def handed(
 def _row(
     i: int, given: list[Any], words: dict[str, Array]
 ) -> tuple[list[Any], dict[str, Array]]:
-    """One row of what a batch is given; only covariances are of each row."""
+    """One row of the arguments of a batch."""
     own = {word: a[i] if word == "covariances" else a for word, a in words.items()}
     return [a[i] for a in given], own
 
@@ -178,7 +178,7 @@ def raw_attitudes(
     vectors: Vectors,
     noise: VectorNoise | None = None,
 ) -> Float[Array, "n ..."]:
-    """Answers in the estimator's own convention; rows need not be attitudes."""
+    """Answers in the estimator's own convention, whether attitudes or not."""
     name, shape = estimator.name, tail(estimator.components)
     found = answers(estimator, estimator.estimate, vectors, noise)
     what = "matrices" if estimator.components == "matrix" else "quaternions"
@@ -189,7 +189,7 @@ def raw_attitudes(
 
 
 def other_form(found: Shape, required: Shape) -> str:
-    """Advice where the shape is that of another form of attitude."""
+    """Advice if an answer has the shape of another form of attitude."""
     forms = {
         (4,): ", or declare the order of the `components`",
         (3, 3): ', or declare components="matrix"',
@@ -224,7 +224,7 @@ def numbers(
     *shapes: Shape,
     hint: Callable[[Shape, Shape], str] = lambda *_: "",
 ) -> Array:
-    """Real numbers of one of the shapes; nothing is parsed, filled in or cut off."""
+    """Check for real numbers of one of the shapes, without parsing or padding."""
     try:
         array = shaped_array(what, value, ())
     except InputError as error:
@@ -243,7 +243,7 @@ def numbers(
 
 
 def finite(name: str, what: str, value: Any, *shapes: Shape) -> Array:
-    """Finite numbers of one of the shapes."""
+    """Check for finite numbers of one of the shapes."""
     found = numbers(name, what, value, *shapes)
     try:
         return finite_array(what, found, found.shape)
@@ -304,7 +304,7 @@ def require_covariances(name: str, each: Float[Array, "n p p"]) -> None:
 
 
 def _covariance_fault(word: str, P: Float[Array, "p p"]) -> str:
-    """Say what is wrong of a covariance that is finite and not sound."""
+    """Say what is wrong with a finite covariance."""
     apart = np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300)
     if apart > ASYMMETRY:
         return (
@@ -328,7 +328,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """A checked answer of a calibrator."""
+    """A calibrator's answer, checked."""
 
     matrix: Float[Array, "3 3"]  # raw readings less bias to specific force
     bias: Float[Array, "3"]  # raw units
@@ -338,7 +338,7 @@ class Calibration:
     dof: int | None = None
 
     def parameters(self, form: str) -> Float[Array, "9"]:
-        """Bring it to one of the forms: norms fix no more."""
+        """Convert to one of the forms, as lengths determine no more than a form."""
         return forms.from_gram(form, self.matrix.T @ self.matrix, self.bias)
 
 
@@ -364,7 +364,7 @@ def calibrations_of(
     noise_std: float,
     seconds: float,
 ) -> list[Calibration]:
-    """Calibrate many sets of poses; in a batch, within some seconds for all."""
+    """Calibrate many sets of poses; a batch has a time limit for all."""
     if not isinstance(calibrator, BatchCalibrator):
         return [calibration_of(calibrator, poses, g, noise_std) for poses in sets]
     name = calibrator.name
@@ -401,7 +401,7 @@ def _checked(name: str, calibrator: Calibrator, answer: Any) -> Calibration:
 
 
 def _words_of(name: str, answer: Any) -> Mapping[str, Any]:
-    """A calibrator's answer in any form as a mapping with `matrix` and `B`."""
+    """A calibrator's answer, in whatever form, as a mapping."""
     if isinstance(answer, (tuple, list)) and len(answer) in (2, 3):
         return dict(zip(("matrix", "B", "covariance"), answer, strict=False))
     if not isinstance(answer, Mapping):
@@ -428,7 +428,7 @@ def _words_of(name: str, answer: Any) -> Mapping[str, Any]:
 def _require_class(
     name: str, estimates: tuple[str, ...], matrix: Float[Array, "3 3"]
 ) -> None:
-    """Require the matrix of a calibrator that estimates less to be of its class."""
+    """Check that a matrix has only the parameters that the calibrator estimates."""
     scaled = "scale" in estimates
     fixed = np.diag(np.diagonal(matrix)) if scaled else np.diag(FIXED[3:6])
     off = np.abs(matrix - fixed)
@@ -455,7 +455,7 @@ KINDS: Final = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """Form of a filter's answers, taken from the first one."""
+    """Form of a filter's answers, which the first answer sets."""
 
     filter: Filter
     lead: Shape  # () or, of a batch, the number of trials
@@ -463,7 +463,7 @@ class Form:
     shapes: Mapping[str, Shape]  # of each word, in the order of `ANSWERS`
 
     def values(self, answer: Any) -> tuple[Any, ...]:
-        """Values of its words, in their order."""
+        """Values of an answer, in the order of the form."""
         if self.kind == "attitude":
             return (answer,)
         if _kind(answer) != self.kind:
@@ -475,7 +475,7 @@ class Form:
         return tuple(answer.get(word) for word in self.shapes)
 
     def storing(self, rows: int) -> tuple[Callable[[int, Any], None], list[Array]]:
-        """Build arrays of some rows, and what copies the answer of a row into them."""
+        """Make arrays for some rows, and a function that stores an answer in a row."""
         arrays: list[Array] = [np.empty((rows, *s)) for s in self.shapes.values()]
         ndarray, values, converted = np.ndarray, self.values, self._converted
         places = list(zip(self.shapes, self.shapes.values(), arrays, strict=True))
@@ -494,7 +494,7 @@ class Form:
         return put, arrays
 
     def fault(self, arrays: list[Array]) -> tuple[int, str] | None:
-        """First row at which answers break a rule, and what is wrong, in words."""
+        """First row with an invalid answer, and what is wrong with it."""
         found = []
         for (word, shape), array in zip(self.shapes.items(), arrays, strict=True):
             # a row of a batch has a value of each trial
@@ -522,7 +522,7 @@ class Form:
         return _covariance_fault(word, value)
 
     def _converted(self, word: str, value: Any, shape: Shape) -> Any:
-        """Numbers that are no array of doubles; a plain list of floats is quick."""
+        """Convert an answer to numbers; a plain list of floats goes the fast way."""
         if (
             type(value) in (list, tuple)
             and (len(value),) == shape
@@ -554,7 +554,7 @@ class Form:
 
 
 def form_of(filter: Filter, answer: Any, lead: Shape) -> Form:
-    """Form of a first answer; `lead` is () or, of a batch, the number of trials."""
+    """Form of a first answer; `lead` is () or the number of trials of a batch."""
     kind = _kind(answer)
     if kind == "mapping":
         _require_known(filter.name, answer)
@@ -600,7 +600,7 @@ def _require_known(name: str, answer: Mapping[str, Any]) -> None:
 
 
 def _size(name: str, word: str, given: Mapping[str, Any]) -> int:
-    """Length of the last axis of a word."""
+    """Length of the last axis of an answer."""
     try:
         shape = np.shape(given[word])
     except Exception as error:  # ragged, or whatever a user's object may raise

@@ -45,7 +45,7 @@ far from right the angle of two columns, rad."""
 
 
 def tail(components: str) -> tuple[int, ...]:
-    """Shape of one answer."""
+    """Shape of one answer: a quaternion or a matrix."""
     return (3, 3) if components == "matrix" else (4,)
 
 
@@ -171,7 +171,7 @@ class FixedReferences:
     def draw(
         self, count: int, rng: np.random.Generator
     ) -> tuple[Float[Array, "count 3"], Float[Array, "count 3"]]:
-        """Vertical and field of the declared dip, or of any up to `MOST_DIP`."""
+        """Draw vertical and field, of the declared dip or of any up to `MOST_DIP`."""
         drawn = rng.uniform(-MOST_DIP, MOST_DIP, count)
         return self.vectors(drawn if self.dip is None else np.full(count, self.dip))
 
@@ -191,14 +191,14 @@ Draw = Callable[[int, np.random.Generator], Scene]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observed:
-    """Observed vectors: their number, and whether their references are fixed."""
+    """How many vectors are observed, and whether their references are fixed."""
 
     vectors: int = 2
     fixed: FixedReferences | None = None
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """Names of the classes; of a fixed dip some have no case."""
+        """Names of the classes; with a fixed dip some are impossible."""
         if self.fixed is None or self.fixed.dip is None:
             return tuple(CLASSES)
         return tuple(name for name in CLASSES if name not in (PARALLEL, ORTHOGONAL))
@@ -206,13 +206,13 @@ class Observed:
     def generic(
         self, count: int, rng: np.random.Generator
     ) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
-        """Truth and vectors b1, b2, ..., r1, r2, ... without any preference."""
+        """Random attitudes with vectors b1, b2, ..., r1, r2, ..., none special."""
         return self._seen(*_draw(self.fixed)(count, rng), rng)
 
     def cases(
         self, name: str, count: int = COUNT
     ) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
-        """Truth and vectors of a class; never two draws of one name."""
+        """Attitudes and vectors of a class, the same at each call."""
         rng = np.random.default_rng([20_269, list(CLASSES).index(name)])
         if self.fixed is not None and name in _FIXED:
             scene = _FIXED[name](self.fixed, count, rng)
@@ -236,13 +236,13 @@ class Observed:
 
 
 def seen(q: Float[Array, "n 4"], *references: Float[Array, "n 3"]) -> Vectors:
-    """Vectors b1, b2, ..., r1, r2, ... of true attitudes, without noise."""
+    """Noise-free vectors b1, b2, ..., r1, r2, ... of true attitudes."""
     A = attitude_matrix(q)
     return [*(np.einsum("nij,nj->ni", A, r) for r in references), *references]
 
 
 def random_case(count: int, rng: np.random.Generator) -> Scene:
-    """Attitudes and directions without any preference."""
+    """Random attitudes and directions."""
     q = random_quaternions(count, rng)
     r1, r2 = (normalize(rng.standard_normal((count, 3))) for _ in range(2))
     return q, r1, r2
@@ -270,7 +270,7 @@ def _half_turn(axis: Float[Array, "n 3"]) -> Float[Array, "n 4"]:
 
 
 def _turned(turn: Callable[..., Array]) -> Callable[..., Scene]:
-    """Attitudes ``turn(r1, r2, rng)``."""
+    """Cases whose attitudes are ``turn(r1, r2, rng)``."""
 
     def drawn(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
         _, r1, r2 = draw(count, rng)
@@ -289,7 +289,7 @@ def _small_angles(r1: Array, r2: Array, rng: np.random.Generator) -> Array:
 
 
 def _half_turns(axis: Callable[..., Array]) -> Callable[..., Scene]:
-    """Half turns about ``axis(r1, r2, rng)``."""
+    """Cases whose attitudes are half turns about ``axis(r1, r2, rng)``."""
     return _turned(lambda *drawn: _half_turn(axis(*drawn)))
 
 
@@ -299,13 +299,13 @@ def _about_axis(axis: int) -> Callable[..., Scene]:
 
 @_turned
 def _quarter_turns(r1: Array, r2: Array, rng: np.random.Generator) -> Array:
-    """About an axis of the frame: two of three Euler angles coincide at some."""
+    """Quarter turns about an axis of the frame, some with degenerate Euler angles."""
     axis = np.eye(3)[rng.integers(3, size=len(r1))]
     return _turn(axis, rng.choice([-1.0, 1.0], len(r1)) * np.pi / 2.0)
 
 
 def _yaw(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    """Level, with gravity up and a field in the north, dipping by up to 80 degrees."""
+    """Level attitudes of any heading; gravity is up and the field dips to the north."""
     up = np.tile([0.0, 0.0, 1.0], (count, 1))
     dip = np.radians(rng.uniform(-80.0, 80.0, count))
     north = np.stack([np.cos(dip), np.zeros(count), -np.sin(dip)], axis=1)
@@ -320,7 +320,7 @@ def _in_plane(r1: Array, r2: Array, rng: np.random.Generator) -> Array:
 
 
 def _nearly_parallel(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    """At 1e-3 to 1e-1 rad of each other, or of being opposite."""
+    """Vectors within 1e-3 to 1e-1 rad of parallel or antiparallel."""
     q, r1, other = draw(count, rng)
     across = normalize(np.cross(r1, other))
     angle = np.geomspace(1e-3, 1e-1, count)[:, None]
@@ -329,7 +329,7 @@ def _nearly_parallel(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
 
 
 def _orthogonal(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    """Products of the entries cancel to the last bit: (x, y, 0) and (-y, x, 0)."""
+    """Vectors (x, y, 0) and (-y, x, 0), whose products cancel to the last bit."""
     q = random_quaternions(count, rng)
     angle = rng.uniform(-np.pi, np.pi, count)
     x, y, zero = np.cos(angle), np.sin(angle), np.zeros(count)
@@ -345,14 +345,14 @@ def _fixed_yaw(fixed: FixedReferences, count: int, rng: np.random.Generator) -> 
 
 
 def _steep(fixed: FixedReferences, count: int, rng: np.random.Generator) -> Scene:
-    """A field at 1e-3 to 1e-1 rad of the vertical."""
+    """A field within 1e-3 to 1e-1 rad of the vertical."""
     angle = np.geomspace(1e-3, 1e-1, count)
     dip = rng.choice([-1.0, 1.0], count) * (np.pi / 2.0 - angle)
     return random_quaternions(count, rng), *fixed.vectors(dip)
 
 
 def _level(fixed: FixedReferences, count: int, rng: np.random.Generator) -> Scene:
-    """A level field, its entries zero but for one."""
+    """A level field with a single nonzero entry."""
     return random_quaternions(count, rng), *fixed.vectors(np.zeros(count))
 
 

@@ -1,4 +1,4 @@
-"""Noise-free probe of what a calibrator declares.
+"""Check without noise that a calibrator does what it declares.
 
 It is given exact readings of a known sensor, which has the errors that it estimates and
 no others. What comes back must be the truth, whatever the rounding; where it is not,
@@ -105,7 +105,7 @@ def _errors(answer: Calibration, sensor: AccelerometerModel) -> Float[Array, "9"
 
 
 def _other_meaning(answer: Calibration, sensor: AccelerometerModel) -> str:
-    """Say which other meaning of an answer is the truth; empty where none is."""
+    """Say which other convention would make the answer right; empty if none."""
     M, B = answer.matrix, answer.bias
     invertible = np.linalg.cond(M) < 1.0 / np.finfo(float).eps
     inverse = np.linalg.inv(M) if invertible else M
@@ -128,7 +128,7 @@ def _other_meaning(answer: Calibration, sensor: AccelerometerModel) -> str:
 def _no_meaning(
     answer: Calibration, sensor: AccelerometerModel, estimates: tuple[str, ...]
 ) -> str:
-    """Name the worst parameter of an answer that is far off, and what is needed."""
+    """Name the worst parameter of an answer that is wrong in every convention."""
     needed = (
         f"It declares that it estimates {' and '.join(estimates)}, and the sensor of "
         "the probe has no other error"
@@ -148,7 +148,7 @@ def _no_meaning(
 
 
 def _worst(answer: Calibration, sensor: AccelerometerModel) -> str:
-    """Name the worst parameter, to the digits that differ."""
+    """Name the worst parameter, with the digits that differ."""
     k = int(_errors(answer, sensor).argmax())
     seen, true = answer.parameters("triangular")[k], sensor.parameters[k]
     digits = 6

@@ -1,4 +1,4 @@
-"""A user's algorithm in a process of its own: simval measures, the process answers.
+"""A user's algorithm in a process of its own, which answers what simval asks.
 
 The parent keeps the measuring and has a function called where the plug-in is. It sends
 the function's name and its arguments, and gets what it returns: words as JSON, numbers
@@ -92,7 +92,7 @@ AnyArray = NDArray[Any]
 
 
 class Lost(BaseException):
-    """The child is lost; `started` converts this to the error that it holds.
+    """The child is lost; `started` turns this into the error that it carries.
 
     It is no `Exception`, so that no probe takes it for an answer of the algorithm.
     """
@@ -103,7 +103,7 @@ class Lost(BaseException):
 
 
 class End:
-    """One end of a connection, which sends and receives values.
+    """One end of the connection between parent and child.
 
     Values are plain ones, arrays, dataclasses of the package, its classes and
     functions, and plug-ins, whose functions stay in their process. Arrays that are one
@@ -162,7 +162,7 @@ class End:
     def _spelled(
         self, value: Any, places: dict[int, tuple[int, AnyArray]]
     ) -> dict[str, Any]:
-        """A value that JSON does not have, in words; arrays by their places."""
+        """Encode a value for JSON; arrays become their numbers in a list."""
         if isinstance(value, np.ndarray):
             place, _ = places.setdefault(id(value), (len(places), value))
             return {KIND: "array", "place": place}
@@ -176,7 +176,7 @@ class End:
         return {KIND: "name", "name": f"{value.__module__}:{value.__qualname__}"}
 
     def _meant(self, spelled: dict[str, Any], arrays: list[AnyArray]) -> Any:
-        """The value that is meant by words."""
+        """Decode a value that `_spelled` encoded."""
         kind = spelled.pop(KIND, "")
         if kind == "array":
             return arrays[spelled["place"]]
@@ -190,7 +190,7 @@ class End:
         return spelled
 
     def _declared(self, plugin: Plugin) -> dict[str, Any]:
-        """Declarations of a plug-in, its functions by their names alone."""
+        """Encode the declarations of a plug-in, its functions by name alone."""
         kind = next(
             c for c in type(plugin).__mro__ if c.__module__.startswith("simval.")
         )
@@ -202,29 +202,29 @@ class End:
         return {"kind": kind, "gives": gives, "words": words}
 
     def _here(self, kind: Any, gives: list[str], words: dict[str, Any]) -> Any:
-        """The plug-in of this process, as it is declared there."""
+        """The plug-in of this process, as it was declared."""
         return replace(self.plugin, **_fields(words))
 
 
 def _fields(words: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a dataclass, whose lists are tuples."""
+    """Fields of a dataclass, with lists made tuples again."""
     return {k: tuple(v) if isinstance(v, list) else v for k, v in words.items()}
 
 
 class Elsewhere:
-    """A function of a plug-in that is in a child."""
+    """Stand-in for a function of a plug-in that lives in a child."""
 
     def __init__(self, child: "Child") -> None:
         self.child = child
 
     def __call__(self, *_: Any, **__: Any) -> Any:
-        """Not from here."""
+        """Refuse, as the function cannot be called from here."""
         msg = "this function is in another process"
         raise AssertionError(msg)
 
 
 class Child(End):
-    """A process that calls our functions, with its plug-in, until its time is over."""
+    """A process that runs a plug-in and calls our functions, up to a time limit."""
 
     def __init__(
         self,
@@ -245,24 +245,24 @@ class Child(End):
 
     @property
     def spent(self) -> float:
-        """Seconds since it was begun."""
+        """Seconds since it was started."""
         return monotonic() - self.begun
 
     @property
     def answers(self) -> int:
-        """Number of answers that the plug-in has given: rows, or calibrations."""
+        """Number of answers so far: rows, or calibrations."""
         return int.from_bytes(self.counter[:], sys.byteorder)
 
     def expect(self, trials: int, what: str) -> None:
-        """State how many answers are measured, once it is checked, and of what."""
+        """State how many answers will be measured, and of what."""
         self.trials = trials, what
 
     def measure(self) -> None:
-        """Take the answers from here on for those that are measured."""
+        """Count the answers from here on as measured."""
         self.before = self.answers
 
     def ask(self, function: Callable[..., T], *arguments: Any, **words: Any) -> T:
-        """Result of a module's function, called in the child.
+        """Call a function of a module in the child, and return its result.
 
         Raises
         ------
@@ -344,7 +344,7 @@ def started(
     who: str = "the plug-in",
     advice: str = "give it more time by `time_limit`, or less to do",
 ) -> Iterator[Child]:
-    """Start a child, and end it with its process group.
+    """Start a child; at the end, kill its whole process group.
 
     The advice is for one that does not end in time.
 
@@ -389,13 +389,13 @@ _COUNTER: ContextVar[mmap | None] = ContextVar("counter", default=None)
 
 
 def counter_of(folder: str) -> mmap:
-    """The number of answers, which parent and child share, as bytes."""
+    """Counter of answers in memory that parent and child share."""
     with Path(folder, ANSWERS).open("r+b") as file:
         return mmap(file.fileno(), COUNT)
 
 
 def answered(count: int = 1) -> None:
-    """Count answers of a plug-in, where that is in a child."""
+    """Count answers of a plug-in, if this process is a child."""
     counter = _COUNTER.get()
     if counter is not None:
         total = int.from_bytes(counter[:], sys.byteorder) + count
@@ -403,7 +403,7 @@ def answered(count: int = 1) -> None:
 
 
 def home_of(plugin: Plugin) -> Child | None:
-    """The child that has a plug-in's functions; None if they are here."""
+    """The child in which a plug-in's functions live; None if they are here."""
     function = getattr(plugin, plugin.runs)
     return function.child if isinstance(function, Elsewhere) else None
 
@@ -411,7 +411,7 @@ def home_of(plugin: Plugin) -> Child | None:
 def where_it_lives(
     function: Callable[Concatenate[Own, P], T],
 ) -> Callable[Concatenate[Own, P], T]:
-    """Have a function of a plug-in called in the process that has the plug-in."""
+    """Decorate a function so that it runs in the process that has the plug-in."""
 
     @wraps(function)
     def call(plugin: Own, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -424,7 +424,7 @@ def where_it_lives(
 
 
 def tail_of(content: IO[bytes]) -> str:
-    """The end of what was written to a file."""
+    """The last part of what was written to a file."""
     content.seek(max(0, content.seek(0, os.SEEK_END) - TAIL))
     return content.read().decode(errors="replace").strip()
 
@@ -441,7 +441,7 @@ def ending(code: int) -> str:
 
 
 def as_plugin_error(error: BaseException) -> PluginError:
-    """Error for a plug-in that has failed, refused or raised."""
+    """Convert an error to one of a plug-in that failed, refused or raised."""
     if isinstance(error, SimvalError):
         refused = isinstance(error, RefusedError)
         crashed = isinstance(error, CrashedPluginError) or not refused
@@ -450,7 +450,7 @@ def as_plugin_error(error: BaseException) -> PluginError:
 
 
 def answer_all(connection: socket.socket) -> None:
-    """In the child: serve calls until the connection ends."""
+    """In the child: answer calls until the connection closes."""
     end = End(connection)
     while True:
         try:
@@ -466,7 +466,7 @@ def answer_all(connection: socket.socket) -> None:
 
 
 def main(number: int, time_limit: float, folder: str) -> None:
-    """Be a child: restrained, answering, and gone with all that it has left behind."""
+    """Run as a child: restrained, answering calls, and leaving nothing behind."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_OUTPUT, MAX_OUTPUT))
     faulthandler.dump_traceback_later(time_limit + GRACE, exit=True)

@@ -1,4 +1,4 @@
-"""Filters in any language: a process for each trial, fed line by line."""
+"""Filters in any language: one process for each trial, one line for each row."""
 
 import os
 import re
@@ -38,24 +38,31 @@ FLUSH: Final = "flush after each line, as fflush(stdout) or print(..., flush=Tru
 
 
 def command_filter(words: str, **declared: Any) -> Filter:
-    """Build the filter that runs a command, once for each trial.
+    """Build a filter that runs a command once for each trial.
+
+    The program gets a line of numbers for each row on standard input: the step in
+    seconds, then the readings. It answers each line with one of its own, the attitude
+    in the convention that is declared, before it reads the next.
 
     Parameters
     ----------
     words : str
-        The program and its words, with what it `reads` in braces: ``./mine {start}``.
+        The program and its arguments. A setting in braces, as in ``./mine {start}``, is
+        replaced by its numbers with commas between.
     **declared
-        What else `Filter` declares: ``components``, ``matrix``, ``name`` and the like.
+        Anything else that `Filter` declares, such as ``components``, ``matrix`` or
+        ``name``; not ``make``, ``reads`` or ``batch``, which follow from the command.
 
     Returns
     -------
     Filter
-        As any other; it is run where it is measured.
+        A filter like any other. The program is started when it is measured.
 
     Raises
     ------
     UnusablePluginError
-        If the words cannot be split, name no program, or have an unknown placeholder.
+        If the words cannot be split, name no program or have an unknown placeholder, or
+        if `declared` has what follows from the command.
     """
     split = split_words(words)
     if not split:
@@ -95,7 +102,7 @@ def command_filter(words: str, **declared: Any) -> Filter:
 
 
 class _Process:
-    """A program between its lines."""
+    """A running program, between the lines that it is sent."""
 
     def __init__(self, words: Sequence[str], entries: int) -> None:
         self.program, self.entries, self.rows = words[0], entries, 0
@@ -120,7 +127,7 @@ class _Process:
         self.ready.register(self.printed, select.POLLIN)
 
     def update(self, dt: float, *readings: Array) -> Any:
-        """Write a row, and read its answer; a program that fails is ended."""
+        """Send a row and read the answer; end a program that fails."""
         try:
             return self._answered(dt, readings)
         except PluginError:
@@ -146,7 +153,7 @@ class _Process:
         return self._answer(line)
 
     def close(self) -> None:
-        """End its input, and see that it ends well and has nothing more to say."""
+        """Close its input, and check that it ends well and prints nothing more."""
         if self.errors.closed:  # it has failed before
             return
         try:
@@ -187,7 +194,7 @@ class _Process:
         return attitude, np.array(numbers[size:]).reshape(3, 3)
 
     def _line(self, seconds: float) -> bytes:
-        """One line that it prints."""
+        """Read one line of its output."""
         end = monotonic() + seconds
         while b"\n" not in self.pending:
             if len(self.pending) > LINE_LIMIT:
@@ -209,7 +216,7 @@ class _Process:
         return bool(self.ready.poll(max(seconds, 0.0) * 1e3))
 
     def _more(self, seconds: float) -> bytes | None:
-        """Next part of the output: empty at its end, None if there is none yet."""
+        """Read more of its output: empty at the end, None if there is none yet."""
         return os.read(self.printed, LINE_LIMIT) if self._readable(seconds) else None
 
     def _more_than_a_line(self) -> str:
@@ -221,7 +228,7 @@ class _Process:
         )
 
     def _silence(self, seconds: float) -> str:
-        """Say that no answer came, and whether it comes when the input ends."""
+        """Say that no answer came, and whether one comes once the input is closed."""
         self._end_input()
         said = self._rest(END_LIMIT)
         late = (
@@ -235,7 +242,7 @@ class _Process:
         )
 
     def _rest(self, seconds: float) -> bytes:
-        """The beginning of what it prints until it ends, or for some seconds."""
+        """Start of what it prints until it ends or some seconds have passed."""
         end, kept = monotonic() + seconds, b""
         while len(kept) < LINE_LIMIT // 2 and (more := self._more(end - monotonic())):
             kept = (kept + more)[:LINE_LIMIT].strip()

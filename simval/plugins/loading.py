@@ -49,10 +49,10 @@ STATED = frozenset({"simval", "numpy", "scipy", "mujoco", "pydantic"})
 
 
 def imported_versions(files: Iterable[str]) -> dict[str, str]:
-    """Version of each installed package that some Python files name in an import."""
+    """Version of each installed package that some Python files import."""
     tops: set[str] = set()
     for file in (each for each in files if each.endswith(".py")):
-        with suppress(OSError):  # loading it fails, in words
+        with suppress(OSError):  # loading it reports the error
             for node in _nodes(read_bytes(file, MOST_DOCUMENT)):
                 if isinstance(node, ast.Import):
                     tops |= {alias.name.partition(".")[0] for alias in node.names}
@@ -67,12 +67,12 @@ def imported_versions(files: Iterable[str]) -> dict[str, str]:
 
 @cache
 def _distributions() -> Mapping[str, list[str]]:
-    """Packages by the modules at their top: reading them all takes a while."""
+    """Names of packages by their top-level modules, read once as that is slow."""
     return metadata.packages_distributions()
 
 
 def _nodes(content: bytes) -> list[ast.AST]:
-    """All syntax nodes of a Python file; none if unreadable, which loading reports."""
+    """All syntax nodes of a Python file; none if it cannot be parsed."""
     try:
         return list(ast.walk(ast.parse(content)))
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -111,7 +111,7 @@ is the unit of a call's; of estimators the plainest one too."""
 
 
 def points_of(name: str) -> tuple[Any, ...]:
-    """Entry points of a name: the package's own, else those of installed packages.
+    """Entry points of a name: simval's own first, else those of other packages.
 
     Of the standard library's kind, or of `importlib_metadata`'s, which some packages
     put in its place when they are imported.
@@ -124,7 +124,7 @@ def points_of(name: str) -> tuple[Any, ...]:
 def beside_builtin(
     chosen: Mapping[str, list[str]],
 ) -> dict[str, list[str]]:
-    """Plug-ins by field, with the built-in ones where there is a user's."""
+    """Plug-ins by field, with the built-in ones added where a user has one."""
     return {
         field: [*words, *(own for own in BESIDE.get(field, ()) if own not in words)]
         if any(word not in BUILTIN for word in words)
@@ -141,7 +141,7 @@ _XML_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["'
 
 
 def sources(text: str) -> dict[str, str]:
-    """Everything that the code of a plug-in is made of."""
+    """Find everything that the code of a plug-in consists of."""
     files = [file_of(text)]
     if text.startswith(COMMAND):
         files = [w for w in words_of(text) if os.path.isabs(w) and is_file(w)]
@@ -153,7 +153,7 @@ def sources(text: str) -> dict[str, str]:
 
 
 def missing(text: str, held: Container[str] = ()) -> str:
-    """Say which part of a plug-in is not on this machine."""
+    """Say which part of a plug-in is missing on this machine."""
     if text.startswith(COMMAND):
         if fault := fault_of(text):
             return fault
@@ -174,7 +174,7 @@ def missing(text: str, held: Container[str] = ()) -> str:
 
 
 def _closure(first: Path) -> dict[str, str]:
-    """SHA-256 of a file, and of every file that it names in turn."""
+    """SHA-256 of a file and of every file that it names, and so on."""
     hashes: dict[str, str] = {}
     queue = [first]
     while queue:
@@ -187,7 +187,7 @@ def _closure(first: Path) -> dict[str, str]:
                 hashes[str(file)] = _digest(file)
                 continue
             content = read_bytes(file, MOST_MODEL)
-        except OSError:  # whoever uses it says so, in words
+        except OSError:  # whoever uses it reports that
             hashes[str(file)] = ""
             continue
         hashes[str(file)] = hashlib.sha256(content).hexdigest()
@@ -249,7 +249,7 @@ Kind = TypeVar("Kind", bound=Plugin)
 
 @dataclass(frozen=True, slots=True)
 class Meant:
-    """A plug-in that a word means."""
+    """A plug-in to which a word refers."""
 
     field: str  # of a study, which takes it
     word: str  # what that field is set to
@@ -313,12 +313,12 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
 
 
 def spelled(words: Mapping[str, Sequence[str]]) -> list[str]:
-    """Plug-ins by field as overrides of a suite."""
+    """Plug-ins by field, spelled as overrides of a suite."""
     return [f"{field}={','.join(each)}" for field, each in words.items()]
 
 
 def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
-    """Chosen plug-ins, by the field that takes them."""
+    """Plug-ins that the words choose, by the field that takes them."""
     values: dict[str, list[str]] = {}
     for plugin in plugins:
         if "," in plugin:
@@ -333,7 +333,7 @@ def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 def meant(plugin: str) -> list[Meant]:
-    """Plug-ins that a word means; each is loaded in a child."""
+    """Plug-ins to which a word refers; each is loaded in a child."""
     if plugin.startswith(COMMAND):
         command = command_calibrator(plugin)
         return [Meant(command.taken_by, plugin, command.name, declarations(command))]
@@ -382,7 +382,7 @@ def offer(plugin: str) -> list[tuple[str, str, dict[str, str]]]:
 
 
 def installed() -> list[tuple[str, str]]:
-    """Plug-ins that installed packages offer; none is loaded."""
+    """Plug-ins that installed packages offer, without loading any."""
     points = metadata.entry_points(group=GROUP)
     return sorted(
         (point.name, f"{point.dist.name} {point.dist.version}" if point.dist else "")
@@ -391,7 +391,7 @@ def installed() -> list[tuple[str, str]]:
 
 
 def _held_by(file: Path) -> list[Any]:
-    """Plug-ins of a Python file; two names for the same one count once."""
+    """Plug-ins in a Python file, each once even if it has several names."""
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise UnusablePluginError(msg)
@@ -437,7 +437,7 @@ def imported_file(file: Path) -> ModuleType:
 
 
 def _python_file(word: str) -> tuple[str, str]:
-    """Python file that a word names, or nothing, and what is meant inside it."""
+    """Python file that a word names, or nothing, and the name inside it."""
     path, _, name = word.partition(".py:")
     if name:
         return f"{path}.py", name
@@ -477,7 +477,7 @@ def _loaded(name: str) -> list[Any]:
 
 @contextmanager
 def _usable(what: str) -> Iterator[None]:
-    """Refuse a plug-in whose code cannot be loaded, whatever it may raise."""
+    """Refuse a plug-in whose code cannot be loaded, whatever it raises."""
     try:
         yield
     except (Exception, SystemExit) as error:

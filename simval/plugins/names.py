@@ -1,4 +1,4 @@
-r"""The name of a plug-in: the source it refers to, and its portable spelling.
+r"""Name of a plug-in: the source that it refers to, and a portable spelling.
 
 ========================== ==========================================================
 word                       what it names
@@ -35,7 +35,7 @@ _FOLDERS = re.compile(_BEFORE + r"""/(?:[^/\s'"`<>|:,;]+/)+""")
 
 
 def file_of(text: str) -> str:
-    """Path of the file that a name stands for; empty for a command or a package."""
+    """Path of the file in a name; empty for a command or a package."""
     path, colon, _ = text.partition(".py:")
     if text.startswith(COMMAND):
         return ""
@@ -44,7 +44,7 @@ def file_of(text: str) -> str:
 
 
 def located(text: str, folder: str = "") -> str:
-    """The same name with absolute paths of its files."""
+    """The name with absolute paths of its files."""
     if text.startswith(COMMAND):
         return _with_words(text, lambda place, word: _located(place, word, folder))
     path = file_of(text)
@@ -60,7 +60,7 @@ def _located(place: int, word: str, folder: str) -> str:
 
 
 def portable(text: str) -> str:
-    """The same name with its files' names only, without their folders."""
+    """The name with its files' names only, without folders."""
     if text.startswith(COMMAND):
         return _with_words(text, lambda _, word: _shortened(word))
     path = file_of(text)
@@ -73,10 +73,10 @@ def _shortened(word: str) -> str:
 
 
 def words_of(text: str) -> list[str]:
-    """Words of a command; none where they cannot be split."""
+    """Words of a command; none if it cannot be split."""
     try:
         return shlex.split(text.removeprefix(COMMAND))
-    except ValueError:  # the study says so, in words
+    except ValueError:  # the study reports that
         return []
 
 
@@ -90,7 +90,7 @@ def _with_words(text: str, change: Callable[[int, str], str]) -> str:
 
 
 def is_file(path: str | Path) -> bool:
-    """Tell whether there is a file, of any name that there can be."""
+    """True if there is a file of that name, whatever the name."""
     try:
         return Path(path).is_file()
     except (OSError, ValueError):  # a name that no file can have
@@ -98,13 +98,13 @@ def is_file(path: str | Path) -> bool:
 
 
 def told_anywhere(text: str, files: Iterable[str]) -> str:
-    """Take the folders of a plug-in's files, and of this process, out of a text."""
+    """Remove the folders of a plug-in's files, and of this process, from a text."""
     places = (str(Path.cwd()), str(Path.home()), gettempdir())
     return without_folders(text, (*sys.path, *map(os.path.dirname, files), *places))
 
 
 def without_folders(text: str, folders: Iterable[str] = ()) -> str:
-    """Take the folders of this machine out of a text."""
+    """Remove folders of this machine from a text."""
     known = {f.rstrip(os.sep) for f in folders if os.path.isabs(f)} - {""}
     for folder in sorted(known, key=len, reverse=True):
         text = re.sub(f"{_BEFORE}{re.escape(folder)}/", "", text)

@@ -1,4 +1,4 @@
-r"""Noise of each observed vector, and the form in which an estimator receives it.
+r"""Noise of each observed vector, in the form that an estimator asks for.
 
 A shape gives the covariance of each vector for a `noise_std` of 1, body vectors first,
 each in its own frame; the noise of a cell is the shape times :math:`\sigma^2`.
@@ -56,16 +56,16 @@ class VectorNoise:
     noise_std: float = 1.0
 
     def at(self, noise_std: float) -> "VectorNoise":
-        """The same shape at another size."""
+        """The same noise at another size."""
         return replace(self, noise_std=noise_std)
 
     def small(self, noise_std: float) -> "VectorNoise":
-        """The same shape, no vector noisier than a size that is small enough."""
+        """The same noise, scaled so that no vector has more than a stated size."""
         return self.at(noise_std / max(1.0, self.relative.max()))
 
     @property
     def relative(self) -> Float[Array, " m"]:
-        """Root mean square per axis for a size of 1; of tangent noise across it."""
+        """Standard deviation per axis for a size of 1, averaged over the axes."""
         return np.sqrt(np.linalg.trace(self.unit) / 3.0)
 
     @property
@@ -80,7 +80,7 @@ class VectorNoise:
 
     @property
     def weights(self) -> Float[Array, " k"]:
-        """Inverse of the summed variances of each pair."""
+        """Weight of each pair: one over the sum of its variances."""
         return 1.0 / np.sum(self.std.reshape(2, -1) ** 2, axis=0)
 
     @property
@@ -91,7 +91,7 @@ class VectorNoise:
 
     @property
     def extreme(self) -> bool:
-        """True if the least noise of a vector is below a hundredth of the greatest."""
+        """True if one vector is a hundred times less noisy than another."""
         sizes = self.relative[self.noisy]
         return bool(sizes.max() > EXTREME * sizes.min())
 
@@ -102,12 +102,12 @@ class VectorNoise:
 
     @property
     def one_number(self) -> bool:
-        """True if one number suffices: 1 per axis of each vector that has noise."""
+        """True if one number says it all: every noisy vector has 1 per axis."""
         eye = np.eye(3)
         return all(np.array_equal(self.unit[i], eye) for i in self.noisy)
 
     def covariances(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
-        """Covariance of each vector, whose true or measured values are given."""
+        """Covariance of each vector, given the vectors' values."""
         scaled = self.noise_std**2 * self.unit
         if not self.tangent:
             return np.broadcast_to(scaled, (len(vectors[0]), *scaled.shape))
@@ -116,13 +116,13 @@ class VectorNoise:
         return scaled @ (np.eye(3) - outer(along, along))
 
     def roots(self, vectors: Vectors) -> Float[Array, "n m 3 3"]:
-        """Symmetric root of each covariance; what times normal numbers is the noise."""
+        """Symmetric root of each covariance, which turns normal numbers into noise."""
         values, axes = np.linalg.eigh(self.covariances(vectors))
         scaled = axes * np.sqrt(np.maximum(values, 0.0))[..., None, :]
         return scaled @ axes.mT
 
     def read(self, reads: tuple[str, ...], vectors: Vectors) -> dict[str, Array]:
-        """Noise in the form that an estimator of pairs asked for."""
+        """The noise in the forms that an estimator reads."""
         known = {"noise_std": self.std, "weights": self.weights}
         if "covariances" in reads:
             known["covariances"] = self.covariances(vectors).copy()
@@ -130,7 +130,7 @@ class VectorNoise:
 
 
 def vector_noise(text: str, vectors: int = 2, noise_std: float = 1.0) -> VectorNoise:
-    """Noise of a shape by its name, by standard deviations or by covariances."""
+    """Noise by the name of its shape, by standard deviations, or by covariances."""
     words = text.split()
     if len(words) == 1 and words[0] in NAMED:
         return replace(_named(words[0], vectors), noise_std=noise_std)
@@ -197,7 +197,7 @@ def _matrices(text: str) -> Float[Array, "m 3 3"]:
 
 
 def _require_sizes(unit: Float[Array, "m 3 3"], text: str) -> None:
-    """Check that a vector has noise in each direction, but for exact references."""
+    """Check that each vector has noise in every direction, or none if a reference."""
     finite = np.isfinite(unit).all()
     variances = np.linalg.eigvalsh(unit) if finite else np.full((len(unit), 3), np.nan)
     exact = (np.arange(len(unit)) >= len(unit) // 2) & ~unit.any(axis=(1, 2))

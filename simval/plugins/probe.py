@@ -1,4 +1,4 @@
-r"""Noise-free probes of the conventions that an estimator declares.
+r"""Check without noise the conventions that an estimator declares.
 
 An estimator is given exact vectors of generic attitudes; what comes back must be the
 truth, whatever the rounding. Where it is not, the probe says which other convention the
@@ -51,13 +51,13 @@ DIGITS = 8
 
 
 def moved(given: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The same, moved by what only coarse numbers do not show."""
+    """Move numbers by so little that only coarse arithmetic does not notice."""
     rng = np.random.default_rng(20_274)
     return given + MOVED * rng.standard_normal(given.shape)
 
 
 def imprecision(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) -> str:
-    """Say why answers are only nearly right; the others are to moved input."""
+    """Say why answers are only nearly right, by comparing those to moved input."""
     flat, other = (each.reshape(len(answers), -1) for each in (answers, of_moved))
     cause = (
         "it rounds on its way, is off by a small constant, or stops before it has "
@@ -90,7 +90,7 @@ BATCH_NOISE = 0.01
 
 
 class Exact(NamedTuple):
-    """Exact cases of an estimator, and the noise stated to it."""
+    """Cases without noise, and the noise that the estimator is told."""
 
     truth: Float[Array, "n 4"]
     vectors: Vectors
@@ -102,7 +102,7 @@ class Exact(NamedTuple):
         return Exact(self.truth[rows], [own[id(v)] for v in self.vectors], self.noise)
 
     def noisy(self, rng: np.random.Generator) -> "Exact":
-        """The same with noise on every vector."""
+        """The same cases with noise on every vector."""
         sizes = [BATCH_NOISE * rng.standard_normal(v.shape) for v in self.vectors]
         noisy: list[Array] = [
             v + size for v, size in zip(self.vectors, sizes, strict=True)
@@ -110,18 +110,18 @@ class Exact(NamedTuple):
         return Exact(self.truth, noisy, self.noise)
 
     def attitudes(self, estimator: Estimator) -> Float[Array, "n 4"]:
-        """Attitudes that an estimator answers."""
+        """Attitudes that the estimator answers."""
         return quaternions_of(estimator, self.vectors, self.noise)
 
     def covariances(self, estimator: Estimator) -> Float[Array, "n 3 3"]:
-        """Covariances that an estimator states; zeros if it states none."""
+        """Covariances that the estimator states; zeros if it states none."""
         if estimator.covariance is None:
             return np.zeros((len(self.truth), 3, 3))
         assert self.noise is not None
         return covariances_of(estimator, self.vectors, self.noise)
 
     def errors(self, estimator: Estimator) -> Float[Array, " n"]:
-        """Angles of answers from the truth, rad; inf of what is no attitude."""
+        """Angle of each answer from the truth, rad; infinite if it is no attitude."""
         try:
             raw = raw_attitudes(estimator, self.vectors, self.noise)
         except SlowPluginError:  # would be as slow in halves
@@ -140,7 +140,7 @@ class Exact(NamedTuple):
         return np.where(sound, attitude_error(self.truth, q), np.inf)
 
     def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
-        """Mask of answers that are not an estimate of the truth."""
+        """Mask of the cases in which the estimator fails."""
         return ~(self.errors(estimator) <= allowed(self.vectors))
 
 
@@ -157,7 +157,7 @@ def failure_shares(
     vectors: int = 2,
     noise: VectorNoise | None = None,
 ) -> dict[str, float]:
-    """Share of the exact cases of each class that an estimator fails, 0 to 1."""
+    """Share of each class's exact cases that an estimator fails, 0 to 1."""
     observed = estimator.observed(vectors)
     return {
         name: float(
@@ -179,7 +179,7 @@ or unit is off by far more."""
 
 
 def probe_covariance(estimator: Estimator, exact: Exact, noise: VectorNoise) -> None:
-    """Check the leading term of a covariance, with central differences."""
+    """Check the leading term of a stated covariance by central differences."""
     small = noise.small(SPREAD_NOISE)
     exact, roots = exact._replace(noise=small), noise.at(1.0).roots(exact.vectors)
     claimed = exact.covariances(estimator)
@@ -222,7 +222,7 @@ CASES = 64
 def what_fits(
     estimator: Estimator, exact: Exact, first: Float[Array, "n 4"]
 ) -> Iterator[str]:
-    """Say what would fit answers that are not the truth, the best of it first.
+    """Say which conventions would make the answers right, the best first.
 
     `first` is what it answered to these vectors before.
     """
@@ -239,7 +239,7 @@ def what_fits(
             yield f"{declare if other.spelled(estimator) else ''}{words}"
     number, count = len(exact.truth), len(exact.vectors) // 2
     yield from _fitting_frames(estimator, exact)
-    # of equals the declared one, which is told without its words
+    # among equals the declared one, which needs no mention
     best = max(fits, key=lambda each: (fits[each].sum(), not each.spelled(estimator)))
     fitting = int(fits[best].sum())
     shares = failure_shares(best if fitting else estimator, CASES, count, exact.noise)
@@ -267,7 +267,7 @@ def what_fits(
 
 
 def nearly_right(estimator: Estimator, exact: Exact) -> str:
-    """Say what is wrong of answers that are all off alike, or by little; else none."""
+    """Say what is wrong if all answers are off alike or by little; else nothing."""
     truth, q = exact.truth, exact.attitudes(estimator)
     for side in () if estimator.reference else ("body", "reference"):
         error = rotation_error(q, truth, side)
@@ -287,7 +287,7 @@ def nearly_right(estimator: Estimator, exact: Exact) -> str:
 
 
 def _fitting_frames(estimator: Estimator, exact: Exact) -> Iterator[str]:
-    """Say which fixed references an estimator was written for, if it was for any."""
+    """Say which fixed references an estimator was written for, if any fit."""
     pairs = len(exact.vectors) == 4
     for frame, vertical in product(FRAMES, VERTICALS) if pairs else ():
         for dip in dict.fromkeys((None, estimator.dip)):
@@ -300,7 +300,7 @@ def _fitting_frames(estimator: Estimator, exact: Exact) -> Iterator[str]:
 
 
 def _alike(estimator: Estimator) -> list[Estimator]:
-    """The estimator in each order and direction that its form of answer can have."""
+    """The estimator in each convention that has the same form of answer."""
     matrix = estimator.components == "matrix"
     every = alternatives(estimator)
     return [each for each in every if (each.components == "matrix") == matrix]
@@ -382,7 +382,7 @@ def probe_estimator(
 
 
 def _error(exact: Exact, q: Float[Array, "n 4"]) -> tuple[float, str]:
-    """Greatest error times the sine of its row; how far the worst is if too far."""
+    """Largest error, scaled to one tolerance, and how far the worst is, if too far."""
     error, most = np.asarray(attitude_error(exact.truth, q)), allowed(exact.vectors)
     row = int(np.argmax(np.where(error <= most, 0.0, error)))
     far = (
@@ -431,7 +431,7 @@ def _require_rows_alone(
 def depends_on_noise(
     estimator: Estimator, vectors: Vectors, *, covariance: bool
 ) -> bool:
-    """True if its attitudes, or its covariances too, depend on the stated noise.
+    """True if attitudes (or covariances, if asked) depend on the stated noise.
 
     The second noise has the weights the other way round, and is tiny against what the
     vectors have, so that whoever leaves out what is too far off does so.

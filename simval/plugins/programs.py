@@ -1,4 +1,4 @@
-r"""Algorithms in any language: programs that receive data and answer with text.
+r"""Algorithms in any language: programs that read data and print answers.
 
 What a program is given and prints, placeholder by placeholder, is on the page of
 programs (docs/plugins/command.md). A command is read where it is given, so that a
@@ -58,7 +58,7 @@ ANSWER_LIMIT = 1 << 20
 
 
 def json_object(who: str, printed: bytes) -> dict[str, Any]:
-    """Read one JSON object; `who` is who printed it."""
+    """Read one JSON object, which `who` has printed."""
     if len(printed) > ANSWER_LIMIT:
         msg = f"{who} printed more than {ANSWER_LIMIT} bytes; print one object"
         raise PluginError(msg)
@@ -100,18 +100,18 @@ GIVEN = re.compile(r"\{(\w+)\}")
 
 @dataclass(frozen=True, slots=True)
 class Invocation:
-    """A command as it is meant."""
+    """A command, parsed."""
 
     words: tuple[str, ...]  # the program and its words, with their placeholders
     batch: bool  # whether one process has all trials
     standard_input: bool  # whether the trials are on standard input
 
     def uses(self, place: str) -> bool:
-        """Tell whether a placeholder is among the words."""
+        """True if a placeholder is among the words."""
         return any(f"{{{place}}}" in word for word in self.words)
 
     def filled(self, values: Mapping[str, str]) -> list[str]:
-        """The words with values in their places."""
+        """The words with the placeholders replaced by values."""
         words = list(self.words)
         for place, value in values.items():
             words = [word.replace(f"{{{place}}}", value) for word in words]
@@ -166,7 +166,7 @@ def invocation_of(algorithm: str) -> Invocation:
 
 
 def split_words(command: str) -> list[str]:
-    """Words of a command."""
+    """Split a command into words."""
     try:
         return shlex.split(command.removeprefix(COMMAND))
     except ValueError as error:
@@ -175,7 +175,7 @@ def split_words(command: str) -> list[str]:
 
 
 def fault_of(algorithm: str) -> str:
-    """Say why a command cannot be used as it is written; empty if it can."""
+    """Say why a command cannot be used; empty if it can."""
     try:
         invocation_of(algorithm)
     except UnusablePluginError as error:
@@ -184,13 +184,13 @@ def fault_of(algorithm: str) -> str:
 
 
 def in_batch(algorithm: str) -> bool:
-    """Tell whether a name is a command that takes all trials at once."""
+    """True for a command that takes all trials in one process."""
     command = algorithm.startswith(COMMAND) and not fault_of(algorithm)
     return command and invocation_of(algorithm).batch
 
 
 def _without_redirection(algorithm: str, words: list[str]) -> tuple[list[str], bool]:
-    """Words without ``< {trials}``, and whether it was there."""
+    """Remove ``< {trials}`` from the words, and say whether it was there."""
     kept: list[str] = []
     redirected: list[str] = []
     for word in words:
@@ -221,7 +221,7 @@ MISSING = 3
 def run(
     command: Invocation, write: Write, seconds: float, trials: int = 0
 ) -> Iterator[IO[bytes]]:
-    """Run a program on what is written to a folder for it; what it has printed.
+    """Run a program on files in a folder of its own, and yield what it printed.
 
     It alone is waited for, not what it leaves behind. How many of some trials it had
     answered is said where it fails.
@@ -263,7 +263,7 @@ def answers(
     seconds: float,
     **values: str,
 ) -> list[dict[str, Any]]:
-    """Run a program on a line for each trial, and sort its answers by their trials.
+    """Run a program on one line for each trial, and sort its answers by trial.
 
     Raises
     ------
@@ -317,7 +317,7 @@ QUIET = 1e-9
 
 
 def log_of(poses: Float[Array, "n 3"], noise_std: float) -> Float[Array, "m 4"]:
-    """Log of a sensor that is turned from pose to pose."""
+    """Made-up log of a sensor that is turned from pose to pose."""
     seed = np.ascontiguousarray(poses, dtype=np.float32).view(np.uint32)
     rng = np.random.default_rng(seed.ravel())
     rest, move = round(REST * RATE), round(MOVE * RATE)
@@ -342,7 +342,7 @@ VECTORS = ("b1", "b2", "r1", "r2")
 
 
 def command_calibrator(words: str, **declared: Any) -> Calibrator:
-    """Build the calibrator that runs a command.
+    """Build a calibrator that runs a command.
 
     Parameters
     ----------
@@ -382,7 +382,7 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
 
 
 def command_estimator(words: str, **declared: Any) -> Estimator:
-    """Build the estimator that runs a command, once for each batch of vectors.
+    """Build an estimator that runs a command once for each batch.
 
     A line of its trials is an object with ``trial``, its number, and ``b1``, ``b2``,
     ``r1``, ``r2``; it answers each with ``trial`` and the quaternion ``q``.
@@ -425,7 +425,7 @@ def command_estimator(words: str, **declared: Any) -> Estimator:
 def _answer(
     command: Invocation, poses: Float[Array, "n 3"], g: float, noise_std: float
 ) -> Any:
-    """Run a process for one trial."""
+    """Run a process for one trial, and read its answer."""
 
     def write(folder: Path) -> dict[str, str]:
         files = {"poses": f"{folder}/poses.csv", "log": f"{folder}/log.csv"}

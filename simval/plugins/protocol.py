@@ -1,4 +1,4 @@
-r"""Protocol of a user-supplied algorithm: estimators, calibrators and filters.
+r"""Protocol of users' algorithms: estimators, calibrators and filters.
 
 Quaternions are declared by two words. ``components`` is the order: ``xyzs`` with the
 scalar last or ``sxyz`` with the scalar first. ``matrix`` is the direction: with
@@ -55,7 +55,7 @@ from simval.vocabulary import Model
 
 
 def _require(field: str, value: Any, kind: Any, known: tuple[str, ...]) -> None:
-    """Refuse a declaration that is not of its annotated kind, in words."""
+    """Refuse a declaration whose value does not fit its annotation."""
     if NoneType in get_args(kind):
         if value is None:
             return
@@ -98,7 +98,7 @@ def _are_names(values: Any, known: tuple[str, ...]) -> bool:
 
 
 def declarations(plugin: Any) -> dict[str, str]:
-    """Words for each declaration but its name; what it leaves open is left out."""
+    """Spell each declaration except the name, and except those left open."""
     if not is_dataclass(plugin):
         return {}
     values = {each: getattr(plugin, each.name) for each in fields(plugin)}
@@ -132,7 +132,7 @@ SCENE = "custom_scene.scene"
 
 
 class Plugin:
-    """A plug-in: it has a name, a field of a study takes it, and a function runs it."""
+    """Something that a user brings: a name, and a function for a study to run."""
 
     __slots__ = ()
     name: str
@@ -141,7 +141,7 @@ class Plugin:
 
 
 class Algorithm(Plugin):
-    """A plug-in that is measured: what it declares is checked by its annotations."""
+    """A plug-in that is measured; its annotations say what it may declare."""
 
     __slots__ = ()
     conventions: ClassVar[tuple[str, ...]] = ()
@@ -156,7 +156,7 @@ class Algorithm(Plugin):
             _require(each.name, getattr(self, each.name), each.type, known)
 
     def spelled(self, than: "Algorithm | None" = None) -> str:
-        """Its conventions as they are declared, or those that are others than those."""
+        """Spell its conventions, or only those in which it differs from another."""
         return ", ".join(
             f'{name}="{value}"'
             for name in self.conventions
@@ -166,7 +166,7 @@ class Algorithm(Plugin):
 
 
 def alternatives(algorithm: Own) -> list[Own]:
-    """An algorithm in every convention, declared or not."""
+    """The algorithm in every combination of conventions."""
     own: Any = algorithm
     kinds = {each.name: each.type for each in fields(own)}
     names = algorithm.conventions
@@ -177,7 +177,7 @@ def alternatives(algorithm: Own) -> list[Own]:
 
 
 def _literals(kind: Any) -> tuple[Any, ...]:
-    """Words of a literal, which may be left out too."""
+    """Values that a literal type allows, optional or not."""
     args = get_args(kind)
     return get_args(args[0]) if NoneType in args else args
 
@@ -262,7 +262,7 @@ class Estimator(Algorithm):
 
     @property
     def fixed(self) -> FixedReferences | None:
-        """The references that it was written for; None where they are given to it."""
+        """The references that it was written for; None if it is given them."""
         if self.reference is None:
             return None
         return FixedReferences(
@@ -270,7 +270,7 @@ class Estimator(Algorithm):
         )
 
     def observed(self, vectors: int = 2) -> Observed:
-        """Observed vectors.
+        """The vectors that it observes.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-r"""Run a filter over readings, and repeat a run of any algorithm.
+r"""Run a filter over readings, and repeat runs of any algorithm.
 
 A fresh filter is made for each trial, or one for a batch of all, and stepped row by row
 in its own conventions; its answers are converted afterwards, all at once. What cannot
@@ -53,7 +53,7 @@ from simval.shapes import Float
 
 
 def from_scene(world: str) -> Float[Array, "3 3"]:
-    """Matrix C from NWU, which the scenes have, to a world."""
+    """Matrix C from NWU, the world of the scenes, to another world."""
     north, up = (np.array(axis) for axis in WORLD_AXES[world])
     return np.stack([north, np.cross(up, north), up], axis=1)
 
@@ -70,7 +70,7 @@ QUATERNIONS: Final[Mapping[str, Array]] = MappingProxyType(
 
 
 def written(filter: Filter, q: Float[Array, "... 4"], world: str) -> Array:
-    """Attitudes as a filter of that world writes them."""
+    """Attitudes as a filter with that world would write them."""
     own = compose(conjugate(QUATERNIONS[world]), normalize(q))
     if filter.components == "matrix":
         A = attitude_matrix(own)
@@ -86,14 +86,14 @@ def own_quaternions(filter: Filter, raw: Float[Array, "n ..."]) -> Float[Array, 
 
 
 def to_scene(own: Float[Array, "... 4"], world: str) -> Float[Array, "... 4"]:
-    """Quaternions from a world to the body as from NWU to the body."""
+    """Attitudes from NWU to the body, from those of another world."""
     return compose(QUATERNIONS[world], own)
 
 
 def on_body_side(
     filter: Filter, covariance: Float[Array, "n p p"], own: Float[Array, "n 4"]
 ) -> Float[Array, "n p p"]:
-    """Covariances of the error on the body side, symmetric to the bit."""
+    """Covariances of the error in body axes, exactly symmetric."""
     turned = covariance
     if filter.side == "reference":
         turn = np.broadcast_to(np.eye(covariance.shape[-1]), covariance.shape).copy()
@@ -117,7 +117,7 @@ def require_no_memory(
     allowed: Float[Array, "n p"],
     rounds: int = 1,
 ) -> None:
-    """Check that trials have the same answers in other orders, in some rounds.
+    """Check that answers do not depend on the order of the trials.
 
     Raises
     ------
@@ -158,7 +158,7 @@ STRETCHES: Final = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Readings:
-    """Readings for the steps of a filter, in its own conventions."""
+    """Readings for each step of a filter, in its own conventions."""
 
     where: str  # " of trial 3", or nothing
     lead: tuple[int, ...]  # of a batch, the number of trials
@@ -170,7 +170,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Run:
-    """Answers of one run at the kept rows, in the filter's own conventions."""
+    """Answers of a run at the kept rows, in the filter's own conventions."""
 
     words: dict[str, Float[Array, "k ..."]]
     rows: Places  # (s,), of each stretch
@@ -210,7 +210,7 @@ def readings_of(
 
 @contextmanager
 def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
-    """Make a filter anew, give the function that steps it, and close it afterwards."""
+    """Make a new filter, yield the function that steps it, and close it at the end."""
     # its own copies, which it may keep and change
     own = {
         word: value.copy() if isinstance(value, np.ndarray) else value
@@ -238,13 +238,13 @@ def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
 
 
 def run_of(filter: Filter, readings: Readings, keep: Places) -> Run:
-    """Make a filter anew and step it through all rows, as `stepped`."""
+    """Make a new filter and step it through all rows (`stepped`)."""
     with making(filter, readings) as update:
         return stepped(filter, update, readings, keep)
 
 
 def run_once(filter: Filter, given: FilterInput) -> Run:
-    """Run a filter over the first trial; a world left open is NWU."""
+    """Run a filter over the first trial, in NWU if it leaves the world open."""
     first = slice(0, 1) if filter.batch else 0
     readings = readings_of(filter, given, first, filter.world or "NWU")
     return run_of(filter, readings, np.array([len(given.dt) - 1]))
@@ -256,7 +256,7 @@ def stepped(
     readings: Readings,
     keep: Places,
 ) -> Run:
-    """Step a filter through all rows, and keep some answers.
+    """Step a filter through all rows, and keep its answers at some.
 
     Raises
     ------
@@ -283,7 +283,7 @@ def stepped(
             if ours:
                 given = [[] for _ in given]
                 answers = own.update_rows(readings.dt[rows], *columns)
-                columns = []  # of which it changes none
+                columns = []  # which it does not change
                 one = {word: a[0] for word, a in answers.items()}
                 form = form or form_of(filter, one, readings.lead)
                 # what is kept, and the last row, to which a NaN is carried on
@@ -317,13 +317,13 @@ def stepped(
 
 
 def stretches(rows: int) -> Places:
-    """Rows at which stretches begin, and the end."""
+    """First rows of the stretches into which rows are cut, and the end."""
     length = min(max(-(-rows // STRETCHES), LEAST_ROWS), MOST_ROWS)
     return np.linspace(0, rows, max(rows // length, 1) + 1).astype(np.intp)
 
 
 def place(readings: Readings, row: int) -> str:
-    """Say where a row is."""
+    """Say which row it is, and when."""
     return f"at row {row} ({readings.end[row]:.6g} s){readings.where}"
 
 
@@ -356,7 +356,7 @@ ALONE: Final = 1e-9
 def require_the_same_again(
     filter: Filter, readings: Readings, rows: Places, before: Run
 ) -> None:
-    """Require that a fresh filter answers the same readings with the same bits.
+    """Check that a new filter gives bit-equal answers to the same readings.
 
     Of a batch, which is all trials, it is asked for the beginning alone.
     """
@@ -378,7 +378,7 @@ def require_the_same_again(
 
 
 def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> None:
-    """Require that the first trial of a batch is what it is alone."""
+    """Check that a batch's first trial is answered as it is when alone."""
     batch, alone = beginning(batch), beginning(alone)
     rows = np.arange(len(batch.dt))
     runs = [run_of(filter, own, rows) for own in (batch, alone)]
@@ -395,7 +395,7 @@ def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> No
 
 
 def beginning(readings: Readings, count: int = FIRST) -> Readings:
-    """The first rows."""
+    """The first few rows of some readings."""
     rows = slice(0, count)
     return replace(
         readings,
@@ -406,7 +406,7 @@ def beginning(readings: Readings, count: int = FIRST) -> Readings:
 
 
 def _difference(filter: Filter, before: Run, now: Run) -> tuple[int, str] | None:
-    """First kept row at which two runs differ by a bit, and by what, in words."""
+    """First kept row in which two runs differ, and how."""
     if before.words.keys() != now.words.keys():
         return 0, f"{', '.join(now.words)} instead of {', '.join(before.words)}"
     found = []
@@ -495,7 +495,7 @@ def run_filter(
 
 
 def _require_one_form(filter: Filter, runs: list[Run]) -> None:
-    """Require the same words and shapes of all trials."""
+    """Check that all trials are answered in the same words and shapes."""
     forms = [
         ", ".join(f"{word} {a.shape[1:]}" for word, a in run.words.items())
         for run in runs
@@ -510,7 +510,7 @@ def _require_one_form(filter: Filter, runs: list[Run]) -> None:
 
 
 def row_times(first: Readings, run: Run) -> Float[Array, " q"]:
-    """Seconds of a row of one trial, over equal parts of a run."""
+    """Time that a row of one trial takes, in each part of a run, s."""
     parts = min(PARTS, len(run.rows))
     trials = first.lead[0] if first.lead else 1
     pairs = zip(

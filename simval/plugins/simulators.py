@@ -23,7 +23,7 @@ SECONDS: Final = 600.0
 
 
 class Request(NamedTuple):
-    """What a simulator is asked for.
+    """What a simulator is asked to simulate.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-r"""World frame of a filter, found without noise, and the signs of its bias.
+r"""Find the world frame of a filter, without noise, and check the sign of its bias.
 
 Without noise, at rest and over a slow turn, a filter that starts from the truth must
 stay there. One that was written for another world, another order or direction of the
@@ -71,7 +71,7 @@ ANGLE: Final = np.radians(150.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Path:
-    """Readings and truth of one run."""
+    """Readings and truth of a noise-free run."""
 
     given: FilterInput  # of one trial
     truth: Float[Array, "T 4"]
@@ -79,7 +79,7 @@ class Path:
 
 
 def path(told: Told, rate: float, rest: float, turn: float) -> Path:
-    """Rest for some seconds, then turn for some."""
+    """A run that rests for some seconds, then turns for some."""
     still, moving = (max(round(seconds * rate), 0) for seconds in (rest, turn))
     t = (np.arange(still) + 0.5) / rate
     sway = np.stack([np.cos(t), np.cos(t + 2.0), np.cos(t + 4.0)], axis=1)
@@ -135,7 +135,7 @@ JUDGED: Final = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stray:
-    """Error of a filter under one declaration."""
+    """How far a filter goes off the truth under one declaration."""
 
     declared: Filter
     judged: float = np.inf  # greatest error of what it is judged by, rad
@@ -145,7 +145,7 @@ class Stray:
 
 @dataclass(slots=True)
 class Trial:
-    """Answers of a filter, and their errors, under each declaration."""
+    """Runs of a filter under each declaration, and their errors."""
 
     filter: Filter
     told: Told
@@ -154,11 +154,11 @@ class Trial:
     runs: dict[tuple[object, ...], Array | PluginError] = field(default_factory=dict)
 
     def all_of(self, filters: Iterable[Filter]) -> list[Stray]:
-        """Error under each declaration."""
+        """Errors under each of some declarations."""
         return [self.stray(each) for each in filters]
 
     def stray(self, declared: Filter) -> Stray:
-        """Error under one declaration; by a short run first, if it starts at once."""
+        """Error under one declaration; a short run comes first if one suffices."""
         if "start" in self.filter.reads:
             for rest, turn in ((0.0, GLANCE), (REST, 0.0)):
                 glance = self.judged(declared, rest, turn)
@@ -178,7 +178,7 @@ class Trial:
         return self.judged(declared, LONGER[-1])
 
     def judged(self, declared: Filter, rest: float, turn: float = TURN) -> Stray:
-        """Error on one path."""
+        """Error under one declaration on one path."""
         raw, path = self._raw(declared, rest, turn), self._path(rest, turn)
         if isinstance(raw, PluginError):
             return Stray(declared=declared, error=raw)
@@ -192,7 +192,7 @@ class Trial:
         return Stray(declared=declared, judged=judged, inclination=inclination)
 
     def explained(self, declared: Filter) -> str:
-        """One fault by which a declaration strays as it does; empty where none does.
+        """Name the one fault that explains the errors; empty if there is none.
 
         Over the last half of a rest and a turn, where the start is forgotten.
         """
@@ -241,7 +241,7 @@ class Trial:
     def _raw(
         self, declared: Filter, rest: float, turn: float
     ) -> Float[Array, "T ..."] | PluginError:
-        """Answers to a path; what is given the same is run once."""
+        """Answers to a path; equal input is run only once."""
         here = self._path(rest, turn).given
         trials = slice(0, 1) if declared.batch else 0
         readings = readings_of(declared, here, trials, str(declared.world))
@@ -324,7 +324,7 @@ class FoundWorld:
 
     @property
     def words(self) -> str:
-        """Description of the found world."""
+        """Say which world it is, and how well the filter stays there."""
         more = f", and in {', '.join(self.alike)} alike" if self.alike else ""
         off = f"{np.degrees(self.stray):.2g}°"
         return f"attitude in {self.world}{more}; without noise it stays within {off}"
@@ -332,7 +332,7 @@ class FoundWorld:
 
 @where_it_lives
 def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
-    """Find the world of a filter, and check what it declares.
+    """Find the world of a filter, and check its declarations.
 
     Parameters
     ----------
@@ -389,7 +389,7 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
 def _misdeclared(
     trial: Trial, filter: Filter, off: Stray, any_north: bool
 ) -> PluginError:
-    """Name the declaration that fits a filter that strays, or list what was tried."""
+    """Name the declaration that would fit the filter, or list what was tried."""
     tried = trial.all_of(alternatives(filter))
     fits = [each for each in tried if each.judged <= STAYS]
     if not fits and off.error is not None:
@@ -422,7 +422,7 @@ def _misdeclared(
 
 
 def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
-    """Number of declarations that differ, and whether one is the accelerometer's.
+    """Number of differing declarations, and whether the accelerometer's is one.
 
     One that was left open is free. What is the same upside down is told by the world.
     """
@@ -435,7 +435,7 @@ def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
 
 
 def _what_was_tried(filter: Filter, tried: list[Stray]) -> str:
-    """Error in each world, by the conventions that fit best there."""
+    """Say the error in each world, with the conventions that fit best there."""
     inclined = min(tried, key=lambda each: each.inclination)
     hint = ""
     if filter.magnetometer and inclined.inclination <= STAYS:

@@ -1,4 +1,4 @@
-"""One self-contained HTML file from a run folder: figures inline, no network.
+"""Pages as self-contained HTML: of a run, a comparison, or a log.
 
 Computing and drawing are apart: a section reads the run and computes panels and
 tables (arrays and words); `paint` and the templates draw them; nothing simulates.

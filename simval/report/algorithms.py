@@ -1,4 +1,4 @@
-"""Comparison of algorithms, the package's own and a user's: errors and speed.
+"""Comparison of algorithms, built-in ones and a user's: errors and speed.
 
 Where a run has a user's code this is what comes first after the verdict, which has a
 line for each: against the best built-in one, both by the RMS error over the Cramer-Rao
@@ -69,14 +69,14 @@ class Contest:
     failures: Mapping[str, Mapping[str, Share]]
 
     def of(self, algorithm: str) -> list[CellResult]:
-        """Cells of an algorithm."""
+        """Cells of one algorithm."""
         found = (self.cells.get((algorithm, setting), ()) for setting in self.settings)
         return [cell for cells in found for cell in cells]
 
     def mean(
         self, algorithm: str, settings: Collection[str] | None = None
     ) -> tuple[Measured | None, list[str]]:
-        """Geometric mean of its accuracy, and the settings that it is over."""
+        """Geometric mean of its accuracy, and the settings over which it is taken."""
         own = self.accuracy[algorithm]
         shared = [s for s in own if settings is None or s in settings]
         if not shared:
@@ -122,7 +122,7 @@ def contest_of(cells: Sequence[CellResult]) -> Contest:
 
 
 def _only(cell: CellResult) -> str:
-    """The one setting in words: its noise, or its scenario."""
+    """The single setting in words: its noise, or its scenario."""
     noise = cell.parameters.get("noise_std")
     if isinstance(noise, float):
         return setting_words(cell.study, "noise_std", noise)
@@ -130,7 +130,7 @@ def _only(cell: CellResult) -> str:
 
 
 def answer_of(cells: Iterable[CellResult], verdicts: Iterable[Verdict]) -> str:
-    """Worst answer to the cells of an algorithm, or how one without a result ended."""
+    """Worst answer for the cells of an algorithm, or how one without a result ended."""
     names: set[CellName] = set()
     endings = set()
     for cell in cells:
@@ -153,7 +153,7 @@ Times = Mapping[str, Mapping[str, float]]
 
 
 def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) -> Table:
-    """A row for each algorithm."""
+    """Table with a row for each algorithm."""
     study, many = contest.study, len(contest.settings)
     reference = next((own[0] for f, own in BESIDE.items() if f.startswith(study)), "")
     shown = (
@@ -185,10 +185,10 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
             Column(setting, "measured"): lambda n, s=setting: contest.accuracy[n].get(s)
             for setting in contest.settings[:MAX_SETTINGS]
         },
-        Column("bias", "number", 2, shown="bias / bound"): lambda n: worst(
+        Column("bias", "number", 2, shown="bias over bound"): lambda n: worst(
             n, bias_over_bound, float
         ),
-        Column("NEES", "measured", shown="NEES / mean"): lambda n: worst(
+        Column("NEES", "measured", shown="NEES over its mean"): lambda n: worst(
             n, honesty, lambda ratio: abs(ratio.value - 1.0)
         ),
         Column("call, ms", "number", 3): milliseconds,
@@ -197,7 +197,7 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
     counted = ""
     if any(operations(name) is not None for name in contest.algorithms):
         fields[Column("operations", "number", 5)] = operations
-        counted = ", operations of one"
+        counted = ", operations of a call"
     if any(contest.failures.values()):
         fields[Column("fails at")] = lambda n: fails_at(contest.failures[n])
     return tabulated(
@@ -205,15 +205,16 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         fields,
         name=f"{study}-algorithms",
         caption=(
-            f"RMS error over the bound in {shown}; then, over all of them: greatest "
-            "bias over the bound, worst NEES over its mean, time of a call, the same "
-            f"over that of {reference}{counted}, where it fails"
+            f"RMS error over the bound in {shown}. Then, over all settings: greatest "
+            "bias over the bound, worst NEES over its mean, time of a call in ms and "
+            f"over that of {reference} (× built-in){counted}, and the class in which "
+            "it fails most"
         ),
     )
 
 
 def fails_at(shares: Mapping[str, Share]) -> str:
-    """Name the class in which most cases fail, and count the others."""
+    """Name the class in which most cases fail, and how many other classes fail."""
     if not shares:
         return ""
     bad = [(share.value, name) for name, share in shares.items() if share.value > 0.0]
@@ -226,7 +227,7 @@ def fails_at(shares: Mapping[str, Share]) -> str:
 
 
 def by_cell(contest: Contest) -> Table:
-    """A row for each cell that has a result."""
+    """Table with a row for each cell that has a result."""
     settings = {
         cell.name: setting
         for setting in contest.settings
@@ -263,13 +264,14 @@ def by_cell(contest: Contest) -> Table:
             Column("seed", "number", 12): lambda c: c.seed,
         },
         name=f"{contest.study}-cells",
-        caption=f"Each {contest.study} in each setting",
+        caption=f"Each {contest.study} in each setting: its error, that over the "
+        "bound, and whether it states it right (NEES)",
         shown=MAX_CELLS,
     )
 
 
 def _whole(cell: CellResult) -> tuple[Any, Any]:
-    """Size of the whole error, and its bound."""
+    """Size of the whole error with its standard error, and the bound."""
     row = size_row(cell)
     return ((row.value, row.standard_error), row.prediction) if row else (None, None)
 
@@ -287,7 +289,7 @@ MAX_ROWS = 60
 
 
 def dots(who: str, contest: Contest) -> Drawing | None:
-    """RMS error over the bound of each algorithm in each setting, with bands."""
+    """Plot the RMS error over the bound of each algorithm in each setting."""
     drawn, settings = contest.algorithms[:MAX_ROWS], contest.settings[:MAX_GROUPS]
     short = called(contest.algorithms)
     found = [
@@ -345,7 +347,7 @@ def dots(who: str, contest: Contest) -> Drawing | None:
 
 
 def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
-    """The best and the worst, by the mean over settings in which all have a result."""
+    """The best and the worst algorithm over the settings in which all have results."""
     seen = [name for name in short if contest.accuracy[name]]
     of = contest.settings
     shared = [s for s in of if all(s in contest.accuracy[name] for name in seen)]
@@ -376,20 +378,20 @@ def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
 def ranking(
     contest: Contest, means: Mapping[str, float], settings: Sequence[str]
 ) -> Ranking:
-    """Algorithms by their means over settings, where `simval compare` tells a pair."""
+    """Rank algorithms by their means; ties are judged as `simval compare` does."""
     of = contest.cells
     cells = {n: [c for s in settings for c in of.get((n, s), ())] for n in means}
     return ranked(means, lambda one, other: apart(cells[one], cells[other]))
 
 
 def _beside(tied: Sequence[str], short: Mapping[str, str]) -> str:
-    """Who is not told apart from the first of some, in brackets."""
+    """Name the algorithms that tie with the first one, in brackets."""
     others = ", ".join(short[name] for name in tied[1:])
     return f" (no difference seen to {others})" if others else ""
 
 
 def failing(who: str, contest: Contest) -> Drawing | None:
-    """Share of exact cases that fail by class, if any fails."""
+    """Plot the share of exact cases that fail in each class; None if none fails."""
     drawn, short = contest.algorithms[:MAX_ROWS], called(contest.algorithms)
     shares = [contest.failures[name] for name in drawn]
     classes = list(dict.fromkeys(key for each in shares for key in each))
@@ -428,7 +430,7 @@ BOUND = "\N{MULTIPLICATION SIGN} the bound"
 
 
 def lines_of_algorithms(context: Context) -> list[Line]:
-    """A line for each user's algorithm; of built-in ones alone, one for the best."""
+    """A line for each user's algorithm, or one for the best built-in one."""
     return [
         line
         for contest in contests(context.run)
@@ -440,19 +442,19 @@ def lines_of_algorithms(context: Context) -> list[Line]:
 
 
 def own(algorithm: str) -> bool:
-    """True if an algorithm is a user's."""
+    """True for an algorithm of a user."""
     return algorithm not in BUILTIN
 
 
 def contests(run: Run) -> list[Contest]:
-    """The algorithms of each kind; the reference filter alone is none."""
+    """The contest of each kind of algorithm; the reference filter alone is none."""
     studies = [[c for c in run.cells if c.study == study] for study in STUDIES]
     found = [contest_of(cells) for cells in studies if cells]
     return [each for each in found if each.algorithms != (REFERENCE,)]
 
 
 def _line_of_best(contest: Contest) -> Line:
-    """What is said where no algorithm is a user's."""
+    """Line about the best built-in algorithm, where no user's was measured."""
     found, value, count = best(contest, contest.settings)
     what = begun(spelled(contest.study))
     if value is None:
@@ -469,13 +471,13 @@ def _line_of_best(contest: Contest) -> Line:
 
 
 def _place(tied: Sequence[str], contest: Contest) -> str:
-    """The place of the first of some that are not told apart."""
+    """Say that the first one is best of all, and who ties with it."""
     short = called(contest.algorithms)
     return f"the least of {len(contest.algorithms)}{_beside(tied, short)}"
 
 
 def _line(context: Context, contest: Contest, name: str) -> Line:
-    """What is said of one algorithm of a user."""
+    """Line about one algorithm of a user."""
     cells = contest.of(name)
     ended, names = answer_of(cells, context.verdicts), {cell.named for cell in cells}
     share, checks = closest([v for v in context.verdicts if v.cell in names])
@@ -533,7 +535,7 @@ SAID = (stat.NEES, stat.NIS, stat.SQUARED_ERROR, stat.RMS, stat.SETTLING)
 
 
 def _numbers(who: str, cell: CellResult) -> Iterator[Number]:
-    """How great the errors of a cell are, and whether they are as stated."""
+    """Sizes of a cell's errors, and whether the algorithm states them right."""
     whole = size_row(cell)
     groups = {k: row for k in OF_A_CALIBRATION if (row := group_rms(cell, k))}
     for kind, row in groups.items():
@@ -554,7 +556,7 @@ def _numbers(who: str, cell: CellResult) -> Iterator[Number]:
 def best(
     contest: Contest, settings: Collection[str]
 ) -> tuple[tuple[str, ...], Measured | None, int]:
-    """The built-in one of the least mean where it has a result, and in how many.
+    """The best built-in algorithm with those that tie, its mean, and its settings.
 
     After it come those that are not told apart from it.
     """
@@ -608,7 +610,7 @@ CALL = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """Section on the algorithms of one kind."""
+    """The section about algorithms of one kind."""
 
     title: str
     drawings: tuple[Drawing, ...]
@@ -619,7 +621,7 @@ class Part:
 
 
 def algorithms_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on algorithms."""
     parts = [_part(context, contest) for contest in contests(context.run)]
     if not parts:
         return None
@@ -651,5 +653,5 @@ def _part(context: Context, contest: Contest) -> Part:
 
 
 def has_user_code(run: Run) -> bool:
-    """True if a run measures an algorithm that is not the package's own."""
+    """True if a run measures an algorithm of a user."""
     return any(cell.study in STUDIES and own(algorithm_of(cell)) for cell in run.cells)

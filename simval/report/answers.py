@@ -1,4 +1,4 @@
-"""What the checks of a study say, and what changed since before: the page's words.
+"""What the checks of each study say, and what changed, in the words of the page.
 
 The closest check of a study is the one whose distance from theory is the greatest share
 of what it is allowed (`simval.verdict.shares`), of those in which chance has a part and
@@ -48,7 +48,7 @@ IMPORTANCE = (
 
 
 class Number(NamedTuple):
-    """A number that says how good something is."""
+    """A number on the page that says how good something is."""
 
     label: str  # what it is, and its unit
     value: str
@@ -58,7 +58,7 @@ class Number(NamedTuple):
 
     @property
     def said(self) -> str:
-        """It with its unit."""
+        """The number with its error and unit."""
         gap = "" if self.unit in ("", "°") else " "
         return f"{' ± '.join(filter(None, (self.value, self.error)))}{gap}{self.unit}"
 
@@ -66,14 +66,14 @@ class Number(NamedTuple):
 def number_of(
     label: str, value: float, error: float, unit: str = "", beside: str = ""
 ) -> Number:
-    """A number with the digits that its error leaves it."""
+    """Make a number with the digits that its standard error allows."""
     words = measured(value, error) if error > 0.0 else rounded(value, 3)
     value_words, _, error_words = words.partition(" ± ")
     return Number(label, value_words, error_words, unit, beside)
 
 
 def number_of_row(label: str, row: Row, unit: Unit | None = None) -> Number:
-    """A row in the unit that a person reads, and what its value is relative to."""
+    """Make a number of a row, in the unit for people, with its ratio to theory."""
     if unit is None:
         unit = angle_unit(row.shown) if row.unit == "rad" else of_row(row.unit)
     value, error = (unit.factor * x for x in (row.shown, row.standard_error))
@@ -81,7 +81,7 @@ def number_of_row(label: str, row: Row, unit: Unit | None = None) -> Number:
 
 
 def relative(row: Row, factor: float = 1.0) -> str:
-    """What a value is of its prediction; of a plain number, what was predicted."""
+    """Say the ratio of a value to its prediction; of a plain number, what was due."""
     predicted, error = row.prediction, row.standard_error
     if predicted is None or row.check == "limit":
         return ""
@@ -95,7 +95,7 @@ def relative(row: Row, factor: float = 1.0) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """What one study answers."""
+    """The answer of one study."""
 
     what: str  # the study; the link, if there is one, is on it
     said: str  # its answer in one sentence
@@ -109,7 +109,7 @@ class Line:
 
 
 def in_order(studies: Sequence[str]) -> list[str]:
-    """Studies, the most important first."""
+    """Sort studies, the most important first."""
     known = {name: place for place, name in enumerate(IMPORTANCE)}
     unique = list(dict.fromkeys(studies))
     return sorted(unique, key=lambda name: known.get(name, len(known)))
@@ -119,7 +119,7 @@ def in_order(studies: Sequence[str]) -> list[str]:
 
 
 def closest(verdicts: Sequence[Verdict]) -> tuple[float | None, str]:
-    """Greatest share of what is allowed, and of which check; None without chance."""
+    """Largest share of what is allowed, and its check; None without chance."""
     judged = [v for v in verdicts if not v.wide and v.answer != "inconclusive"]
     if not judged:
         return None, "not judged" if verdicts else "record only"
@@ -134,13 +134,13 @@ def closest(verdicts: Sequence[Verdict]) -> tuple[float | None, str]:
 
 
 def farthest(verdicts: Sequence[Verdict]) -> Verdict | None:
-    """Which failing check goes farthest beyond what it is allowed; None without."""
+    """The failing check that exceeds what is allowed most; None if none fails."""
     failing = [v for v in verdicts if v.answer == "fail"]
     return failing[int(np.nanargmax(shares(failing)))] if failing else None
 
 
 def beyond(verdict: Verdict) -> str:
-    """How far a check goes beyond what it is allowed."""
+    """Say how far a check exceeds what it is allowed."""
     row = verdict.row
     if verdict.p_value is None:
         (share,) = shares([verdict])
@@ -150,7 +150,7 @@ def beyond(verdict: Verdict) -> str:
 
 
 def size_of(row: Row) -> str:
-    """A failing row in words: how many times what is due, where chance is involved."""
+    """Say how large a failing row is relative to what is expected."""
     error, due = row.standard_error, row.prediction or 0.0
     if row.check == "limit" or not due > 0.0 or not 0.0 < error < np.inf:
         return off(row)
@@ -159,7 +159,7 @@ def size_of(row: Row) -> str:
 
 
 def not_passed(verdicts: Sequence[Verdict]) -> str:
-    """What does not pass of a study, in one sentence; empty if all does."""
+    """Say in one sentence which checks of a study do not pass; empty if all do."""
     total = sum(not v.wide for v in verdicts)
     failing = sum(v.answer == "fail" for v in verdicts)
     unclear = sum(v.answer == "inconclusive" for v in verdicts)
@@ -182,7 +182,7 @@ def not_passed(verdicts: Sequence[Verdict]) -> str:
 
 
 class Change(NamedTuple):
-    """What changed since one run, or since the baseline."""
+    """What changed since another run or the baseline."""
 
     said: str
     answer: Answer
@@ -191,7 +191,7 @@ class Change(NamedTuple):
 
 
 def comparable(run: Run, baseline: Mapping[str, Any] | None) -> bool:
-    """True if a baseline is of the run's suite, or the run holds all of its cells.
+    """True if a baseline can be compared with the run, in suite or in all cells.
 
     Cells are the same whatever their seed and effort. Of the same suite one is enough.
     """
@@ -208,7 +208,7 @@ def _key(study: str, parameters: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def changes(context: Context) -> list[Change]:
-    """What changed from what the page is to be compared with."""
+    """What changed since each thing that the page is compared with."""
     found = []
     if context.baseline is not None:
         found.append(_from_baseline(context, context.baseline))
@@ -242,7 +242,7 @@ def _from_baseline(context: Context, baseline: Mapping[str, Any]) -> Change:
 
 
 def _from_run(context: Context, against: Against) -> Change:
-    """Changes against another run, in the words of `simval compare`."""
+    """Changes since another run, as `simval compare` finds them."""
     found = against.changes
     account = runs_account(against.run, context.run, found)
     reply, name = account.replies[0], against.run.folder.name
@@ -252,5 +252,5 @@ def _from_run(context: Context, against: Against) -> Change:
 
 
 def _short(differs: Sequence[str]) -> list[str]:
-    """Differences with the first digits of each digest."""
+    """Shorten the digests in lines of differences."""
     return [re.sub(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b", r"\1", x) for x in differs]

@@ -1,4 +1,4 @@
-"""Artifacts of the studies: validated, then drawn as declared."""
+"""Draw the artifacts that studies left, after checking them."""
 
 import zipfile
 import zlib
@@ -40,7 +40,7 @@ def listed(run: Path, pattern: str) -> list[Path]:
 
 
 def is_left(file: Path) -> bool:
-    """True if a study has left an artifact."""
+    """True if a study left this artifact."""
     return file.exists()
 
 
@@ -66,7 +66,7 @@ def arrays(file: Path) -> Mapping[str, Array]:
 def shaped(
     file: Path, content: Mapping[str, Array], name: str, *shape: int | None
 ) -> Array:
-    """One array of a file, of the shape that it must have."""
+    """One array of a file, checked for its shape."""
     given = content[name].shape if name in content else None
     if (
         given is None
@@ -86,7 +86,7 @@ def shaped(
 def drawn_artifacts(
     picture: Distribution | Trace, context: Context, cells: Cells
 ) -> list[Drawing]:
-    """Draw the artifacts of the cells of a study: one figure, or one for each cell."""
+    """Draw the artifacts of a study's cells, in one figure or in one each."""
     folder = context.run.folder / FOLDER
     found = [
         (cell, folder / name)
@@ -129,7 +129,7 @@ Left = tuple[CellResult, Path, Mapping[str, Array]]
 
 
 def _said(picture: Artifact, group: Sequence[Left], cells: Cells) -> str:
-    """Finding of a figure, from its rows or the arrays of its last cell."""
+    """Sentence for a figure, from its rows or from the arrays of its last cell."""
     if not isinstance(picture, Trace) or picture.tells is None:
         return sentence(picture, [group[0][0]] if picture.each else cells)
     cell, _, content = group[-1]
@@ -138,7 +138,7 @@ def _said(picture: Artifact, group: Sequence[Left], cells: Cells) -> str:
 
 
 def _words(cell: CellResult, cells: Cells) -> str:
-    """What sets a cell apart; what it is, where it is alone."""
+    """What distinguishes a cell from the others; all its settings if it is alone."""
     return where_of(cell, cells) or described(cell.study, cell.parameters)
 
 
@@ -186,7 +186,7 @@ def _distributions(picture: Distribution, left: Left, where: str) -> list[Panel]
 def share_at_most(
     label: str, values: Float[Array, " n"], end: float, colour: str, line: str
 ) -> Series:
-    """Share of the values that are at most the value on the axis, which ends at end."""
+    """Cumulative share of the values, as a curve up to the end of the axis."""
     count = len(values)
     chosen = np.linspace(0, count - 1, min(count, MOST)).astype(int)
     ordered = np.sort(values)
@@ -200,7 +200,7 @@ def share_at_most(
 
 
 def _strip(trace: Trace, strip: Strip, left: Left, where: str) -> Panel:
-    """One of the axes of a trace."""
+    """One pair of axes of a trace, drawn."""
     _, file, content = left
     read = partial(shaped, file, content)
     series: list[Series] = []

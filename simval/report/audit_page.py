@@ -1,4 +1,4 @@
-"""The page of an audit: its answers, and each term with what is allowed."""
+"""Page of an audit: its answers, and each term with what is allowed."""
 
 from simval import __version__
 from simval.imu.audit import Audit

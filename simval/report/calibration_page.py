@@ -1,4 +1,4 @@
-"""The page of a log's calibration: how good, whether to be trusted, what to do next."""
+"""Page of a log's calibration: how good it is, if it can be trusted, what next."""
 
 import numpy as np
 
@@ -109,7 +109,7 @@ def _lines(log: Log, rows: Float[Array, "n 3"]) -> list[Series]:
 
 
 def _lengths(log: Log, result: LogCalibration) -> Drawing:
-    """Length of each pose's mean before and after, that of gravity where it is right.
+    """Plot the length of each pose's mean, before and after calibration.
 
     Before, by the scale at which the poses have gravity's length on average.
     """
@@ -183,7 +183,7 @@ def _residuals(result: LogCalibration) -> Drawing:
 
 
 def farthest(residuals: Float[Array, " n"], wrong: str) -> str:
-    """What the residuals say in one sentence."""
+    """Say in one sentence what the residuals show."""
     known = np.abs(residuals[np.isfinite(residuals)])
     if not len(known):
         return "Nine poses fit exactly, so the residuals say nothing."
@@ -225,7 +225,7 @@ def _coverage(log: Log, result: LogCalibration) -> Drawing:
 
 
 def widest_gap(directions: Float[Array, "m 3"]) -> float:
-    """Angle between the loneliest of `PROBES` directions and its nearest, degrees."""
+    """Largest angle from any direction to the nearest pose, degrees."""
     probes = fibonacci_sphere(PROBES)
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     nearest = np.full(PROBES, -1.0)
@@ -235,7 +235,7 @@ def widest_gap(directions: Float[Array, "m 3"]) -> float:
 
 
 def gyroscope_chapter(whole: LogCalibration) -> Section | None:
-    """The residual angle of each rotation."""
+    """Plot the residual angle of each rotation."""
     fit = whole.gyroscope
     if fit is None:
         return None
@@ -264,7 +264,7 @@ def gyroscope_chapter(whole: LogCalibration) -> Section | None:
 
 
 def magnetometer_chapter(whole: LogCalibration) -> Section | None:
-    """What each pose leaves."""
+    """Plot the chi-square of each pose."""
     fit = whole.magnetometer
     if fit is None:
         return None

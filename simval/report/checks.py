@@ -1,4 +1,4 @@
-"""Every check against theory: counts by family, each check, figures of failing ones."""
+"""Checks against theory: counts by kind, every check, figures of failing ones."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -12,22 +12,24 @@ from simval.figures import Figure
 from simval.judge.findings import reproduce
 from simval.judge.settings import axis_words, varying
 from simval.report.curves import (
+    HEIGHT,
     PREFERRED,
     Measured,
     axis_of,
     curve,
     described,
     grouped,
+    limits,
     numeric,
 )
 from simval.report.findings import Claim, claiming
 from simval.report.formatting import sign_of_entries, spelled
 from simval.report.gallery import drawn, panels_of
-from simval.report.panels import GREY, Drawing, Panel, Series
+from simval.report.panels import GREY, Drawing, Panel, Series, near
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table, tabulated
 from simval.results import CellName, Row
-from simval.statistics import NEES_AT, Statistic
+from simval.statistics import NEES_AT, RMS_OVER_BOUND_AT, Statistic
 from simval.studies import STUDIES
 from simval.sweep import Run
 from simval.sweep.run import CellResult
@@ -42,7 +44,7 @@ Key = tuple[str, Statistic, str]
 
 
 def disagreements_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on failing checks."""
     failing = [v for v in context.verdicts if v.answer == "fail"]
     if not failing:
         return None
@@ -59,7 +61,7 @@ FIRST = 1
 
 
 def failing_figures(context: Context) -> list[Drawing]:
-    """A figure of each kind of failing check, that of what is farthest off first."""
+    """A figure for each kind of failing check, the farthest off first."""
     keys = figure_names(context.verdicts)
     firsts: dict[Key, Verdict] = {}
     for verdict in context.verdicts:
@@ -74,11 +76,11 @@ def failing_figures(context: Context) -> list[Drawing]:
 
 
 def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
-    """How a filter that fails leaves what it states, over time."""
+    """Plot how a failing filter departs from what it states, error over bound below."""
     if not any(study == "filter" for study, _, _ in failing):
         return []
     cells = list(context.cells("filter"))
-    if context.against is not None:  # the other run beside it
+    if context.against is not None:  # the other run too
         runs = context.run, context.against.run
         cells = [
             replace(cell, parameters={**cell.parameters, "run": run.folder.name})
@@ -86,16 +88,46 @@ def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
             for cell in run.of("filter")
             if cell.rows
         ]
+    shown = [f for f in STUDIES["filter"].shown if isinstance(f, Figure)]
+    squares, error = (
+        next(figure for figure in shown if family in figure.rows)
+        for family in (NEES_AT, RMS_OVER_BOUND_AT)
+    )
+    error = replace(
+        error,
+        compared=False,
+        theories=(),
+        value="RMS error over the Cramér-Rao bound",
+    )
+    squares = replace(
+        squares,
+        name="failing-time",
+        caption=f"{squares.caption} Strip: the error over the least that there can be.",
+    )
+    strips = {
+        panel.title: replace(panel, limits=ends, height=HEIGHT)
+        for each in drawn(error, cells)
+        for panel in each.panels
+        if isinstance(panel, Panel)
+        for values in [[s.y[near(s.y)] for s in panel.series]]
+        for ends in [limits(values, [None] * len(values))]
+    }
     return [
-        drawing
-        for figure in STUDIES["filter"].shown
-        if isinstance(figure, Figure) and NEES_AT in figure.rows
-        for drawing in drawn(replace(figure, name="failing-time"), cells)
+        replace(
+            each,
+            panels=[
+                replace(panel, strips=[strips[panel.title]])
+                if isinstance(panel, Panel) and panel.title in strips
+                else panel
+                for panel in each.panels
+            ],
+        )
+        for each in drawn(squares, cells)
     ]
 
 
 def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
-    """Name the figure of each kind of failing check."""
+    """Name of the figure for each kind of failing check."""
     failing = [v for v in verdicts if v.answer == "fail" and v.cell.name]
     order = np.argsort(-shares(failing), kind="stable")  # what is no number comes last
     kinds = dict.fromkeys(key_of(failing[i]) for i in order)
@@ -103,7 +135,7 @@ def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
 
 
 def key_of(verdict: Verdict) -> Key:
-    """Study, statistic and predictor of a verdict."""
+    """Study, statistic and theory of a verdict."""
     return verdict.cell.study, verdict.row.statistic, verdict.row.predictor
 
 
@@ -141,7 +173,7 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
 
 
 def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
-    """Distances from the prediction, and its remainder, in standard errors."""
+    """Plot distances from the prediction in standard errors, with the remainder."""
 
     def measure(cell: CellResult) -> Measured | None:
         here = cell.row(row.statistic, row.predictor)
@@ -180,7 +212,7 @@ MAX_ROWS = 300  # for the size of a page; the rest is counted
 
 
 def checks_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on all checks."""
     verdicts = sorted(context.verdicts, key=_rank)
     figures = figure_names(context.verdicts)
     linked = sorted({figures[k] for v in verdicts if (k := key_of(v)) in figures})
@@ -204,7 +236,7 @@ def _families(context: Context) -> Table:
     answers = ("pass", "fail", "inconclusive", "wide")
     return Table(
         name="families",
-        caption="Answers of each family of checks",
+        caption="Checks of each kind by their answer",
         columns=(
             *map(Column, ("study", "predictor", "check")),
             *(Column(answer, "number") for answer in answers),
@@ -243,9 +275,11 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
             None if v.p_value is None else v.sigmas
         ),
         Column("p", "number", 2): lambda v: v.p_value,
-        Column("limit", "number", 2): lambda v: v.limit if v.limit == v.limit else None,
+        Column("limit", "number", 2, shown="limit of p"): lambda v: (
+            v.limit if v.limit == v.limit else None
+        ),
         Column("power", "number", 2): lambda v: v.power if v.power == v.power else None,
-        Column("n", "number", 12): lambda v: v.row.n,
+        Column("n", "number", 12, shown="samples"): lambda v: v.row.n,
         Column("figure", "figure"): lambda v: (
             figures.get(key_of(v)) if v.answer == "fail" else None
         ),
@@ -261,7 +295,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
 
 
 def _outside(rows: Sequence[tuple[CellName, Row]]) -> list[Table]:
-    """What theory's range leaves out, by study and kind of statistic; none without."""
+    """Table of what lies outside theory's range, by kind; none if nothing does."""
     kinds: dict[tuple[str, str], list[tuple[CellName, Row]]] = {}
     for name, row in rows:
         kinds.setdefault((name.study, row.statistic.family.words), []).append(
@@ -290,7 +324,7 @@ def _outside(rows: Sequence[tuple[CellName, Row]]) -> list[Table]:
 
 
 def _places(run: Run) -> dict[CellName, tuple[Any, ...]]:
-    """Noise and poses of each cell, and in words what else varies in its study."""
+    """Noise, poses, and whatever else varies, for each cell."""
     keys = {
         study: [key for key in varying(run.of(study)) if key not in EFFORT]
         for study in {cell.study for cell in run.cells}

@@ -1,4 +1,4 @@
-"""The page that compares two runs: what became better or worse, and by how much.
+"""Page that compares two runs: what became better or worse, and by how much.
 
 Numbers come first: what moved, by study and kind of statistic, the largest first; then
 a figure of each with both curves; then every common value.
@@ -95,12 +95,12 @@ def comparison_sections(
 
 
 def told(move: Move) -> str:
-    """A change as a sentence."""
+    """A change as one sentence."""
     return f"{move.way.capitalize()}: {move.sentence}."
 
 
 def moves_table(moves: Sequence[Move], figures: Mapping[str, str]) -> Table:
-    """Make the table of what moved: numbers first, the largest first."""
+    """Make the table of changes, the largest first."""
     fields: dict[Column, Callable[[Move], Any]] = {
         Column("which way", "answer"): lambda m: m.way,
         Column("what"): lambda m: f"{spelled(m.study)}, {m.what}",
@@ -123,14 +123,14 @@ def moves_table(moves: Sequence[Move], figures: Mapping[str, str]) -> Table:
 
 
 def _few_digits(sigmas: float | None) -> float | None:
-    """Standard errors with the digits that mean something."""
+    """Standard errors to the digits that matter."""
     if sigmas is None or not np.isfinite(sigmas):
         return None
     return round(sigmas) if abs(sigmas) >= 100.0 else float(f"{sigmas:.2g}")
 
 
 def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
-    """One figure for each kind of change: both curves with their bands."""
+    """A figure for each kind of change, with both curves and their bands."""
     cells_a = {cell.name: cell for cell in a.cells}
     twins = {pair.old.name: pair.new.name for pair in comparison.pairs}
     drawings: list[Drawing] = []
@@ -155,7 +155,7 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
 
 
 def _worst(comparison: RunComparison) -> Iterator[tuple[Move, Difference]]:
-    """Each move with the difference that moved most, the largest first."""
+    """Each kind of change with its largest difference, the largest first."""
     known = {(d.cell, d.statistic): d for d in reversed(comparison.of("changed"))}
     for move in comparison.moves:
         yield move, known[move.worst.cell, move.worst.statistic]
@@ -214,7 +214,7 @@ def _drawing(
 
 
 def _apart(curves: list[Curve], along: str, aim: str | None) -> list[Panel]:
-    """Panel of the change: in percent, or of what is near zero in standard errors."""
+    """Plot the change in percent, or in standard errors where values are near zero."""
     if len(curves) != 2 or not np.array_equal(curves[0].x, curves[1].x):
         return []
     a, b = curves
@@ -248,7 +248,7 @@ def _apart(curves: list[Curve], along: str, aim: str | None) -> list[Panel]:
 
 
 def differences_table(comparison: RunComparison) -> Table:
-    """Make the table of every common statistic, changed ones first."""
+    """Make the table of all statistics that both runs have."""
     fields: dict[Column, Callable[[Difference], Any]] = {
         Column("which way", "answer"): _word,
         Column("standard errors", "number", 3): lambda d: d.sigmas,
@@ -277,7 +277,7 @@ def differences_table(comparison: RunComparison) -> Table:
 
 
 def _word(difference: Difference) -> str:
-    """Better or worse; else that it changed, or is the same."""
+    """Better or worse, or else changed or the same."""
     if difference.kind == "same" or difference.standing == "neither":
         return difference.kind
     return difference.standing

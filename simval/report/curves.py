@@ -1,4 +1,4 @@
-r"""Curves from the rows of a run: grouped by parameters, sorted along an axis.
+r"""Curves made of a run's rows: grouped by parameters, sorted along an axis.
 
 With them: what the page says of a point on request; slopes on log-log axes and bands
 that hold together; and measured over predicted, on a linear axis where one percent is
@@ -47,7 +47,7 @@ from simval.units import COUNT, Unit
 
 
 class Measured(NamedTuple):
-    """Value of a measure in a cell."""
+    """Value of a statistic in a cell."""
 
     value: float
     error: float  # standard
@@ -59,7 +59,7 @@ class Measured(NamedTuple):
 
 
 def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
-    """Say in lines: value and samples, prediction, cell, and the command for it."""
+    """Lines about a point: value and samples, prediction, cell, and its command."""
     factor = 1.0 if unit is None else unit.factor
     name = found.unit if unit is None else unit.name
     behind = f" {name}" if name not in ("", "1") else ""
@@ -79,7 +79,7 @@ def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
 def described(
     study: str, parameters: Mapping[str, Any], without: tuple[str, ...] = EFFORT
 ) -> str:
-    """Spell the parameters of a cell in words."""
+    """Spell the parameters of a cell."""
     shown = (item for item in parameters.items() if item[0] not in without)
     return ", ".join(setting_words(study, key, value) for key, value in shown)
 
@@ -92,7 +92,7 @@ STEEPEST = 12.0
 """Slopes are sought between plus and minus this: twice the greatest order
 of a formula."""
 FINEST = 5e-4
-"""Half of an interval of a slope that is said."""
+"""Half of the narrowest 95 % interval that is stated with a slope."""
 _GRIDS = 7  # the last has a step of 2e-11
 
 
@@ -104,15 +104,16 @@ class Slope:
     half_width: float  # half of the 95 % interval
 
     def __str__(self) -> str:
-        """Slope and interval in words; what no figure shows is left out."""
-        seen = self.half_width >= FINEST
-        return measured(self.value, self.half_width) if seen else f"{self.value:.3f}"
+        """The slope ± one standard deviation, which is left out where it is tiny."""
+        if self.half_width < FINEST:
+            return f"{self.value:.3f}"
+        return measured(self.value, self.half_width / Z95)
 
 
 def fitted_slope(
     x: Float[Array, " n"], y: Float[Array, " n"], error: Float[Array, " n"]
 ) -> Slope | None:
-    """Weighted least-squares exponent k of y = a x^k."""
+    """Exponent k of y = a x^k by weighted least squares; None if undetermined."""
     if len(np.unique(x)) < 2 or not (np.all(error > 0) and np.all(np.isfinite(y))):
         return None
     z, weighted = np.log(x) - np.log(x).mean(), y / error
@@ -142,14 +143,14 @@ def fitted_slope(
 def _shape(
     k: Float[Array, "... 1"], z: Float[Array, " n"], error: Float[Array, " n"]
 ) -> Float[Array, "... n"]:
-    """Weighted curves x^k of unit length."""
+    """Curves x^k, weighted and scaled to unit length."""
     exponent = k * z - np.log(error)  # errors may be as small or great as floats are
     curve = np.exp(exponent - exponent.max(axis=-1, keepdims=True))
     return curve / np.linalg.norm(curve, axis=-1, keepdims=True)
 
 
 def order(x: Float[Array, " n"], y: Float[Array, " n"]) -> float | None:
-    """Slope between the two smallest x of a deterministic curve."""
+    """Slope between the two smallest x of a curve without chance."""
     good = (x > 0) & (y > 0) & np.isfinite(y)
     xs, first = np.unique(x[good], return_index=True)
     if len(xs) < 2:
@@ -159,7 +160,7 @@ def order(x: Float[Array, " n"], y: Float[Array, " n"]) -> float | None:
 
 
 def simultaneous(count: int, confidence: float = 0.95) -> float:
-    """Half width, in standard errors, of bands that hold for all points together."""
+    """Half width, in standard errors, of bands that hold for all points at once."""
     single = confidence ** (1.0 / max(count, 1))
     return float(scipy.special.ndtri(0.5 + 0.5 * single))
 
@@ -175,7 +176,7 @@ MAX_GROUPS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
-    """A statistic along one axis."""
+    """A statistic along one axis, with its standard errors and prediction."""
 
     label: str  # of the group of cells
     x: Float[Array, " n"]  # the axis, ascending
@@ -192,14 +193,14 @@ class Curve:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the page says of each point on request; nothing if some are left out."""
+        """Notes on each point; none if some of the points are not drawn."""
         if len(self.sources) != len(self.x):
             return ()
         return tuple(note(cell, found, self.unit) for cell, found in self.sources)
 
     @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
     def scaled(self, unit: Unit) -> "Curve":
-        """The curve in a unit that a person reads, its notes as well."""
+        """The curve and its notes in a unit for people."""
         rest = None if self.remainder is None else self.remainder * unit.factor
         return replace(
             self,
@@ -212,7 +213,7 @@ class Curve:
 
     @np.errstate(over="ignore")  # what overflows is not drawn
     def points(self, z: float, place: int = 0, label: str | None = None) -> Series:
-        """Measured points with bands."""
+        """The measured points, with bands."""
         return Series(
             label=self.label if label is None else label,
             x=self.x,
@@ -225,7 +226,7 @@ class Curve:
         )
 
     def predicted(self, line: str = "-", label: str = "") -> Series:
-        """Line of the prediction, or dotted of the bound."""
+        """The line of the prediction, or a dotted one of the bound."""
         x, first = np.unique(self.x, return_index=True)
         return Series(
             label=label,
@@ -242,7 +243,7 @@ def curve(
     axis: str,
     measure: Callable[[CellResult], Row | Measured | None],
 ) -> Curve | None:
-    """Measure each cell, or read a row of it, and sort along an axis; None of none."""
+    """A statistic of some cells, sorted along an axis; None if no cell has it."""
     found = [
         (place, cell, read(each) if isinstance(each, Row) else each)
         for cell in cells
@@ -256,7 +257,7 @@ def curve(
 def along_axis(
     label: str, points: Iterable[tuple[float, CellResult, Measured]]
 ) -> Curve:
-    """Sort what was found in cells by its place on an axis."""
+    """Sort values by the places of their cells on an axis."""
     points = sorted(points, key=lambda point: (point[0], *point[2][:4]))
     numbers = [(place, *found[:4]) for place, _, found in points]
     x, value, error, prediction, rest = np.array(numbers, dtype=float).T
@@ -272,12 +273,12 @@ def along_axis(
 
 
 def bar_width(curves: Iterable[Curve | None]) -> float:
-    """Standard errors that the bars need to hold for all points together (95 %)."""
+    """Standard errors to which bars extend, to hold for all points at once (95 %)."""
     return simultaneous(sum(len(c.x) for c in curves if c is not None))
 
 
 def spans(factor: float, values: Sequence[Array]) -> bool:
-    """True if values are positive and span more than a factor: for a logarithm."""
+    """True if positive values span so much that a logarithmic axis is better."""
     every = np.concatenate([np.empty(0), *values])
     if not every.size:
         return False
@@ -285,7 +286,7 @@ def spans(factor: float, values: Sequence[Array]) -> bool:
 
 
 def position(cell: CellResult, axis: str) -> float | None:
-    """Place of a cell along an axis."""
+    """Place of a cell on an axis."""
     value = numeric(cell.parameters.get(axis))
     if value is not None:
         return float(value)
@@ -301,7 +302,7 @@ def bars(
     x_label: str,
     unit: Unit = COUNT,
 ) -> BarPanel:
-    """Rows as bars, with 95 % intervals that hold for all of them together."""
+    """Draw rows as bars, with 95 % intervals that hold for all of them at once."""
     value, error, prediction = np.array([read(row)[:3] for _, row in found]).T
     return BarPanel(
         title=title,
@@ -324,7 +325,7 @@ def read(row: Row) -> Measured:
 def grouped(
     cells: Sequence[CellResult], *axes: str
 ) -> Mapping[str, tuple[CellResult, ...]]:
-    """Group cells that differ only along some axes (and in effort and seed)."""
+    """Group cells that differ only along some axes."""
     skipped = {*axes, *EFFORT}
     keys = [k for k in varying(cells) if k not in skipped]
     groups: dict[str, list[CellResult]] = {}
@@ -339,7 +340,7 @@ def grouped(
 def first(
     groups: Mapping[str, tuple[CellResult, ...]], limit: int = MAX_GROUPS
 ) -> tuple[dict[str, tuple[CellResult, ...]], tuple[str, ...]]:
-    """Split groups into the first ones and the names of the others."""
+    """Split off the first few groups, and name the others."""
     labels = list(groups)
     return {k: groups[k] for k in labels[:limit]}, tuple(labels[limit:])
 
@@ -361,7 +362,7 @@ def _numeric(cells: Sequence[CellResult], key: str) -> bool:
 
 
 def numeric(value: object) -> int | float | None:
-    """The value of a parameter if it is a number."""
+    """The value of a parameter if it is a number, else None."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return value
     return None
@@ -382,7 +383,7 @@ MEASURED_OVER_PREDICTED = "measured / predicted"
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def ratio(c: Curve) -> Curve:
-    """Measured over predicted, where there is a prediction other than zero."""
+    """Measured value over prediction, where the prediction is not zero."""
     good = np.isfinite(c.prediction) & (c.prediction != 0.0)
     good &= np.isfinite(c.value) & np.isfinite(c.error)
     some = kept(c, good)
@@ -398,12 +399,12 @@ def ratio(c: Curve) -> Curve:
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def seen(c: Curve, z: float) -> Curve:
-    """The points of a ratio whose bands exclude 0 and 2."""
+    """Points of a ratio whose bands are narrow enough to be seen."""
     return kept(c, np.less_equal(z * c.error, SEEN) & near(c.value))
 
 
 def kept(c: Curve, good: Bool[Array, " n"]) -> Curve:
-    """Some points of a curve, with all that it has of each point."""
+    """Some points of a curve."""
     changes: dict[str, Any] = {}
     for name in (field.name for field in fields(c)):
         whole = getattr(c, name)
@@ -421,7 +422,7 @@ def ratio_strips(
     z: float,
     lines: Sequence[Series] = (),
 ) -> list[Panel]:
-    """A strip below a panel for each curve, by its place, whose ratios can be seen.
+    """Strips below a panel with the ratio of each curve to its prediction.
 
     Their axes are alike, with bands of z errors. The lines are other predictions over
     the one that the points of a single curve are divided by; they do not widen them.
@@ -451,7 +452,7 @@ def ratio_strips(
 def limits(
     values: Sequence[Float[Array, " n"]], bands: Sequence[Float[Array, " n"] | None]
 ) -> tuple[float, float]:
-    """Ends of an axis of ratios: about 1, and never narrower than the bands."""
+    """Ends of an axis of ratios around 1, no narrower than the bands."""
     half, lowest = LEAST, 0.0
     for value, band in zip(values, bands, strict=True):
         width = 0.0 if band is None else band
@@ -465,7 +466,7 @@ def limits(
 def ratio_bars(
     title: str, names: Sequence[str], groups: Sequence[Curve], z: float
 ) -> DotPanel | None:
-    """The same of named parts, whose x is their place among the names."""
+    """Ratios of named parts as points, placed by the order of their names."""
     shown = [(i, seen(ratio(c), z)) for i, c in enumerate(groups)]
     shown = [(i, c) for i, c in shown if len(c.x)]
     if not shown:
@@ -480,5 +481,5 @@ def ratio_bars(
 
 
 def upright(points: Series) -> Series:
-    """Points whose values run to the right, and their places down."""
+    """Swap the axes of some points."""
     return replace(points, x=points.y, y=points.x)

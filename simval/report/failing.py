@@ -1,4 +1,4 @@
-"""Why a run fails: of a user's filter as `simval check` has it, else by its checks.
+"""Why a run fails: as `simval check` says for a user's filter, else by its checks.
 
 The check that goes farthest beyond what it is allowed stands for the others.
 """
@@ -26,16 +26,16 @@ FAILING = 8
 
 
 class Reason(NamedTuple):
-    """Why a run does not pass."""
+    """A reason why a run does not pass."""
 
-    said: str  # a sentence with a number
+    said: str  # sentence with a number
     more: str = ""  # what it rests on, and what is not wrong
     look: str = ""
     command: str = ""
 
 
 def reason(context: Context) -> Reason | None:
-    """The reason of a run that fails by its checks against theory."""
+    """Reason of a run that fails its checks against theory."""
     far = farthest(context.verdicts)
     if far is None:
         return None
@@ -58,7 +58,7 @@ def reason(context: Context) -> Reason | None:
 
 
 def _of_filter(context: Context, name: str) -> Reason | None:
-    """Why a filter fails, and what is not wrong with it."""
+    """Reason why a filter fails, and what is right with it."""
     cells = [c for c in context.run.of("filter") if algorithm_of(c) == name]
     causes = why(cells)
     if not causes:
@@ -75,7 +75,7 @@ def _of_filter(context: Context, name: str) -> Reason | None:
 
 
 def failing_table(context: Context) -> Table | None:
-    """Each kind of failing check: what was found, and what is due; None without."""
+    """Table of failing checks by kind, found against expected; None without any."""
     kinds: dict[tuple[object, ...], list[Verdict]] = {}
     for v in context.verdicts:
         if v.answer == "fail":
@@ -90,7 +90,7 @@ def failing_table(context: Context) -> Table | None:
         Column("against"): lambda v: v.row.predictor,
         Column("where"): lambda v: words.get(cells.get(v.cell, ""), "all cells"),
         Column("found", "measured"): lambda v: v.row,
-        Column("due", "number", 3): lambda v: v.row.prediction,
+        Column("due", "number", 3, shown="expected"): lambda v: v.row.prediction,
         Column("unit", "unit"): lambda v: v.row.unit,
         Column("beyond what is allowed"): beyond,
         Column("cells", "number"): lambda v: len(

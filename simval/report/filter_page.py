@@ -1,4 +1,4 @@
-r"""The page of filters over one log: how wrong, whether they know it, and when.
+r"""Page of filters on a log: how wrong they are, if they know it, and when.
 
 Roll, pitch and yaw are those of the sensor in the world north-west-up: with R the
 matrix that takes sensor to world, z-y'-x'' (ISO 8855's order, its x north, y west),
@@ -20,11 +20,12 @@ from simval.imu.recorded import Evaluation
 from simval.imu.recorded.description import FilteredLog
 from simval.imu.recorded.errors import WINDOW
 from simval.imu.recorded.evaluation import WithTruth, from_its_start
+from simval.imu.statics.detector import runs_of
 from simval.report.formatting import slug
 from simval.report.log_page import LogPage, linear, signal, stated
 from simval.report.panels import COLOURS, INK, Drawing, Series
 from simval.report.section import made
-from simval.shapes import Bool, Float
+from simval.shapes import Float
 from simval.spelling import measured
 from simval.units import DEGREE
 
@@ -47,7 +48,7 @@ WITHIN = 99.73
 def filter_page(
     log: Log, whole: FilteredLog, account: Account, command: str = ""
 ) -> LogPage:
-    """State the figures of filters over a log beside their account.
+    """State the figures of filters on a log, with their account.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def filter_page(
 
 
 def _beside(known: Mapping[str, WithTruth]) -> Iterator[Drawing]:
-    """The errors of several filters on one axis; none of one alone."""
+    """Plot the errors of several filters together; nothing for a single one."""
     if len(known) < 2:
         return
     sizes = {name: truth.rms["all"]["total"] for name, truth in known.items()}
@@ -111,10 +112,7 @@ def _beside(known: Mapping[str, WithTruth]) -> Iterator[Drawing]:
 
 def _drawing(name: str, truth: WithTruth) -> Drawing:
     errors = truth.errors
-    rests = [
-        (float(errors.time[a]), float(errors.time[b - 1]))
-        for a, b in _spans(errors.rest)
-    ]
+    rests = errors.time[runs_of(errors.rest) - [0, 1]].tolist()
     panels = [
         linear(word, "time, s", f"{word} error, degrees", _lines(truth, k), spans=rests)
         for k, word in enumerate(NAMES)
@@ -156,7 +154,7 @@ def _expected(freedom: int) -> tuple[tuple[float, str], ...]:
 
 
 def _farthest(truth: WithTruth) -> str:
-    """The largest error and when the filter had converged, in one sentence."""
+    """Say in one sentence the largest error, and when the filter had converged."""
     errors = truth.errors
     k = int(np.argmax(errors.total))
     found = (
@@ -171,7 +169,7 @@ def _farthest(truth: WithTruth) -> str:
 
 
 def _lines(truth: WithTruth, k: int) -> list[Series]:
-    """An error over time and the band that is stated; that of heading has a sign."""
+    """An error over time and the band that the filter states."""
     time = truth.errors.time
     error: Float[Array, " k"] = getattr(truth.errors, NAMES[k])
     lines = [signal(time, np.degrees(error), "error")]
@@ -183,7 +181,7 @@ def _lines(truth: WithTruth, k: int) -> list[Series]:
 
 
 def roll_pitch_yaw(q: Float[Array, "k 4"]) -> Float[Array, "k 3"]:
-    """Angles of attitudes north-west-up to sensor, degrees."""
+    """Roll, pitch and yaw of attitudes north-west-up to sensor, degrees."""
     A = attitude_matrix(q)  # from world to sensor
     pitch = -np.arcsin(np.clip(A[:, 0, 2], -1.0, 1.0))
     roll = np.arctan2(A[:, 1, 2], A[:, 2, 2])
@@ -267,7 +265,7 @@ def _bias(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
 
 
 def innovations(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
-    """Innovations over what the filter states of each; none of one without them."""
+    """Plot innovations over their stated deviations; nothing without them."""
     output, name = each.run.output, each.run.name
     if output.innovation is None or output.innovation_covariance is None:
         return
@@ -298,8 +296,3 @@ def innovations(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
         ],
         columns=1,
     )
-
-
-def _spans(rest: Bool[np.ndarray, " k"]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

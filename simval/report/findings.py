@@ -1,4 +1,4 @@
-"""The sentence above a figure, from all its rows, including those not drawn.
+"""The sentence above a figure, made of all its rows, drawn or not.
 
 A `Claim` holds which rows these are and what they say as numbers; its words are made
 from them. The bands of a figure hold together with 95 %, so in one figure of twenty a
@@ -32,32 +32,33 @@ SURE = 0.9999
 
 
 class Farthest(NamedTuple):
-    """The greatest of some distances."""
+    """The largest of some deviations, with its name."""
 
     size: float
     name: str  # whose it is, where there are several
 
     def named(self, which: str = "") -> str:
-        """Its name in brackets."""
+        """The name in brackets."""
         return f" ({which}{self.name})" if self.name else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """Deviation of measured values from their predictions."""
+    """How far measured values are from their predictions."""
 
     points: int  # measured
     compared: int  # that have a prediction
     unseen: int  # of these, so noisy that a ratio of 0 and one of 2 agree as well
     allowed: int  # outside their bands, but not of what the prediction leaves out
     outside: int  # outside bands that hold together with 95 %
+    apart: int  # of these, so noisy that their ratio says nothing
     off: int  # outside bands that hold together with 99.99 %
     within: Farthest  # greatest relative distance of the others that are seen
     most: Farthest  # and of those that are allowed
     farthest: Farthest  # in standard errors; 0 where nothing is sampled
 
     def said(self, subject: str, theory: str = "theory") -> str:
-        """Say whether values are at what was predicted of them."""
+        """Say whether the values agree with their predictions."""
         count = f"{_count(self.compared, 'value')}"
         if not self.compared:
             count = _count(self.points, "value")
@@ -74,7 +75,7 @@ class Agreement:
                 f"{subject} cannot be distinguished from zero, nor from {theory}, in "
                 "these trials."
             )
-        if self.compared == 1 and not self.allowed:
+        if self.compared == 1 and not self.allowed + self.apart:
             sigmas = self.farthest.size
             more = f" ({sigmas:.1f} standard errors)" if sigmas else ""
             off = percent(self.within.size)
@@ -82,13 +83,13 @@ class Agreement:
         return f"{'; '.join(self._parts(subject, theory))}."
 
     def _parts(self, subject: str, theory: str) -> Iterator[str]:
-        """How near how many values are, and what is to be said of the others."""
+        """Parts of that sentence: how near, how many, and what of the others."""
 
         def share(part: int) -> str:
             whole = part == self.compared
             return f"{f'all {part}' if whole else f'{part} of {self.compared}'} values"
 
-        plain = self.compared - self.unseen - self.allowed
+        plain = self.compared - self.unseen - self.allowed - self.apart
         within = percent(self.within.size)
         remainder = f"within its stated remainder of {percent(self.most.size)}"
         if plain:
@@ -111,8 +112,9 @@ class Agreement:
             alone = 2.0 * float(scipy.special.ndtr(-far.size))
             rate = -np.expm1(self.compared * np.log1p(-alone))
             lie = "lies" if self.outside == 1 else "lie up to"
+            who = "" if self.apart < self.compared else f"{subject}: "
             yield (
-                f"{self.outside} of {_count(self.compared, 'value')} {lie} "
+                f"{who}{self.outside} of {_count(self.compared, 'value')} {lie} "
                 f"{far.size:.1f} standard errors from {theory}{far.named()}, outside "
                 f"the band; expected by chance in one figure of {1.0 / rate:,.0f}"
             )
@@ -120,7 +122,7 @@ class Agreement:
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
 def agreement(c: Curve) -> Agreement:
-    """Compare points with their predictions, all together."""
+    """Compare all points of a curve with their predictions."""
     known = ratio(c)
     distance, error = np.abs(known.value - 1.0), known.error
     rest = 0.0 if known.remainder is None else known.remainder
@@ -129,7 +131,9 @@ def agreement(c: Curve) -> Agreement:
     sigmas = np.where(sampled, np.maximum(distance - rest, 0.0) / size, 0.0)
     count = len(distance)
     band, sure = simultaneous(count), simultaneous(count, SURE)
-    seen = (band * error <= SEEN) | (sigmas > band)
+    noisy = band * error > SEEN
+    apart = noisy & (sigmas > band)
+    seen = ~noisy | apart
     allowed = seen & sampled & (sigmas <= band) & (distance > band * error)
 
     def greatest(size: Float[Array, " n"], which: Any) -> Farthest:
@@ -145,8 +149,9 @@ def agreement(c: Curve) -> Agreement:
         unseen=int(np.sum(~seen)),
         allowed=int(np.sum(allowed)),
         outside=int(np.sum(sigmas > band)),
+        apart=int(np.sum(apart)),
         off=int(np.sum(sigmas > sure)),
-        within=greatest(distance, seen & ~allowed),
+        within=greatest(distance, seen & ~allowed & ~apart),
         most=greatest(distance, allowed),
         farthest=greatest(sigmas, sigmas > 0.0),
     )
@@ -154,7 +159,7 @@ def agreement(c: Curve) -> Agreement:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Claim:
-    """That all rows of some cells, statistics and one predictor are at theory."""
+    """The claim that some rows agree with theory."""
 
     subject: str  # of the sentence
     cells: Sequence[CellResult]
@@ -164,7 +169,7 @@ class Claim:
 
     @cached_property
     def rows(self) -> list[tuple[CellResult, Row]]:
-        """Rows that it is about."""
+        """Rows that the claim is about."""
         return [
             (cell, row)
             for cell in self.cells
@@ -176,7 +181,7 @@ class Claim:
 
     @cached_property
     def curve(self) -> Curve:
-        """Those rows, each named, one after the other."""
+        """These rows as a curve, each with its name."""
         found, where = self.rows, places(self.cells)
         numbers = [read(row)[:4] for _, row in found]
         value, error, prediction, rest = np.array(numbers).reshape(-1, 4).T
@@ -194,24 +199,24 @@ class Claim:
         )
 
     def _called(self, row: Row) -> str:
-        """What a row is of, beyond what all of them are."""
+        """Name of a row, without what all rows have in common."""
         one = len({row.statistic.family for _, row in self.rows}) == 1
         words = "" if one else row.statistic.family.words
         return " ".join(filter(None, (words, ", ".join(row.statistic.entries))))
 
     @cached_property
     def found(self) -> Agreement:
-        """The finding."""
+        """The comparison that tests the claim."""
         return agreement(self.curve)
 
     @property
     def said(self) -> str:
-        """The finding as text."""
+        """The result as a sentence."""
         return self.found.said(self.subject, self.theory)
 
 
 def places(cells: Sequence[CellResult]) -> dict[str, str]:
-    """What sets each cell apart from the others, in words."""
+    """Say which parameters distinguish each cell from the others."""
     studies: dict[str, list[CellResult]] = {}
     for cell in cells:
         studies.setdefault(cell.study, []).append(cell)
@@ -227,7 +232,7 @@ def places(cells: Sequence[CellResult]) -> dict[str, str]:
 
 
 def claiming(drawing: Drawing, *claims: Claim, before: str = "") -> Drawing:
-    """A figure with what it claims as its finding."""
+    """A figure with its claims as the sentence above it."""
     said = " ".join(claim.said for claim in claims)
     return replace(drawing, finding=f"{before}{said}", claims=claims)
 
@@ -235,7 +240,7 @@ def claiming(drawing: Drawing, *claims: Claim, before: str = "") -> Drawing:
 def behind(
     drawing: Drawing, *claims: Claim, asked: str = "", before: str = ""
 ) -> Drawing:
-    """Fold a figure behind what it claims, unless values differ from theory."""
+    """Fold a figure behind its claims, unless one of them fails."""
     told = claiming(drawing, *claims, before=before)
     if any(claim.found.off for claim in claims):
         return replace(told, asked=asked, fold="")
@@ -244,7 +249,7 @@ def behind(
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
 def limited(subject: str, bias: Claim, scale: Claim, whole: str) -> str:
-    """Say how great a bias may be that cannot be seen, as a share of something.
+    """Say how large an unseen bias may be, as a share of something.
 
     `scale` has what it is a share of, such as the scatter, entry by entry.
     """
@@ -266,7 +271,7 @@ def limited(subject: str, bias: Claim, scale: Claim, whole: str) -> str:
 
 
 def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str, bool]:
-    """Say whether fitted slopes are those of theory's lines, and if all are."""
+    """Say whether fitted slopes agree with those of theory, and if all do."""
     told = [(f, own) for f, own in pairs if f is not None and own is not None]
     rest = len(pairs) - len(told)
     missing = f"; {rest} cannot be distinguished from zero" if rest else ""
@@ -289,7 +294,7 @@ def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str
 
 
 def percent(share: float) -> str:
-    """Spell a share in percent, two digits."""
+    """Spell a share in percent with two digits."""
     if share <= ROUNDING:
         return "rounding"
     if share < 1e-5:

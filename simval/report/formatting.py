@@ -1,4 +1,4 @@
-"""Text of the page: numbers with significant digits, names as a person reads them."""
+"""Text on the page: angles, names as people read them, ids."""
 
 import re
 from collections.abc import Iterable
@@ -20,33 +20,33 @@ LEAST_DEGREES = 2e-3
 
 
 def angle_unit(value: float) -> Unit:
-    """Unit of an angle: the degree, of a small one the milliradian."""
+    """Unit of an angle: degrees, or milliradians for a small one."""
     return DEGREE if value >= LEAST_DEGREES else MILLIRADIAN
 
 
 def angle(value: float) -> str:
-    """An angle in degrees, a small one in milliradians."""
+    """Spell an angle in degrees, or in milliradians if it is small."""
     unit = angle_unit(value)
     gap = "" if unit is DEGREE else " "
     return f"{rounded(value * unit.factor, 3)}{gap}{unit.name}"
 
 
 def sign_of_entries(statistics: Iterable[Statistic]) -> str:
-    """Note on the sign of the parameter S_zx, if it is among the statistics."""
+    """Note on the sign of S_zx, if it is among the statistics."""
     named = any("S_zx" in statistic.entries for statistic in statistics)
     return "; S_zx is minus the entry T[2][0]" if named else ""
 
 
 def slug(text: str) -> str:
-    """Spell words as an id, a selector and a file name."""
+    """Make an id, a selector or a file name of some words."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
 def spelled(name: str) -> str:
-    """Spell the name of a study, a parameter or a statistic for a person."""
+    """Name of a study, a parameter or a statistic as people read it."""
     return name.replace("_", " ")
 
 
 def begun(label: str) -> str:
-    """Words as a sentence begins."""
+    """Begin words with a capital, as a sentence does."""
     return label[:1].upper() + label[1:]

@@ -1,4 +1,4 @@
-"""Figures of declared data (`simval.figures`), all drawn in the same way.
+"""Draw the figures that studies declare as data (`simval.figures`).
 
 The bars of a figure hold for all of its points together (95 %); the sentence above it
 is about all rows of its families, drawn or not.
@@ -85,7 +85,7 @@ Cells = Sequence[CellResult]
 
 
 class Point(NamedTuple):
-    """A row of a cell, and its place in a figure."""
+    """A row of a cell, with its place in a figure."""
 
     panel: str
     line: str
@@ -95,7 +95,7 @@ class Point(NamedTuple):
 
 
 def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
-    """Draw a figure of the cells of its study: one, or one for each group of cells."""
+    """Draw a figure of a study's cells, once or for each group of cells."""
     figure, cells = settled(figure, cells)
     groups, left_out = first(groups_of(figure, cells))
     if figure.single and groups:
@@ -133,7 +133,7 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
 
 
 def panels_of(figure: Figure, groups: Mapping[str, Cells]) -> Iterator[AnyPanel]:
-    """Panels of cells under titles, their own groups as lines."""
+    """A panel for each title, with the groups of cells as lines."""
     for title, cells in groups.items():
         own, cells = settled(figure, cells)
         for part in batches([*groups_of(own, cells).items()], MAX_GROUPS):
@@ -146,14 +146,14 @@ def _constant(title: str, row: Row) -> str:
 
 
 def batches(items: Sequence[Any], most: int) -> Iterator[Sequence[Any]]:
-    """At most so many in each part, as many in each as in the others."""
+    """Split items into parts of about equal size, each with at most so many."""
     count = -(-len(items) // most)
     size = -(-len(items) // max(count, 1))
     return (items[i * size : (i + 1) * size] for i in range(count))
 
 
 def _said(figure: Figure, drawing: Drawing, cells: Cells) -> Drawing:
-    """The drawing with its question and what its rows say."""
+    """The drawing with its question, and a sentence about its rows."""
     claims, before = _claims(figure, cells), sentence(figure, cells)
     drawing = replace(drawing, asked=figure.asked)
     if figure.scale and claims and claims[0].found.unseen == claims[0].found.compared:
@@ -168,7 +168,7 @@ def _said(figure: Figure, drawing: Drawing, cells: Cells) -> Drawing:
 
 
 def _claims(figure: Figure, cells: Cells) -> list[Claim]:
-    """That all rows of a figure are at theory, a claim for each subject."""
+    """Claims that the rows of a figure agree with theory, one for each subject."""
     if not figure.compared or not figure.what:
         return []
     subjects, claimed = figure.what.split("; "), figure.claimed or figure.rows
@@ -181,7 +181,7 @@ def _claims(figure: Figure, cells: Cells) -> list[Claim]:
 
 
 def settled(figure: Figure, cells: Cells) -> tuple[Figure, Cells]:
-    """The figure with its axis, and the cells that it is about."""
+    """The figure with its axis chosen, and the cells that it is about."""
     own = [c for c in cells if figure.where(c.parameters) and rows_of(figure, c)]
     if figure.along == VARYING:
         figure = replace(figure, along=axis_of(own))
@@ -197,7 +197,7 @@ def settled(figure: Figure, cells: Cells) -> tuple[Figure, Cells]:
 
 
 def groups_of(figure: Figure, cells: Cells) -> dict[str, tuple[CellResult, ...]]:
-    """Cells that differ only in what makes a line and its places."""
+    """Groups of cells that become lines of the figure."""
     named = (figure.along, figure.lines, *figure.least, *figure.over)
     groups = grouped(cells, *(each for each in named if isinstance(each, str)))
     few = 1 if figure.several else 0
@@ -205,7 +205,7 @@ def groups_of(figure: Figure, cells: Cells) -> dict[str, tuple[CellResult, ...]]
 
 
 def _places(figure: Figure, cells: Cells) -> int:
-    """Places on the axis."""
+    """Places of the points on the axis."""
     return len({place_of(figure, rows_of(figure, cell)[0], cell) for cell in cells})
 
 
@@ -219,7 +219,7 @@ def rows_of(figure: Figure, cell: CellResult) -> list[Row]:
 
 
 def line_of(figure: Figure, row: Row, cell: CellResult) -> str:
-    """What tells a line or a bar from the others of its group of cells."""
+    """Name of the line or bar that a row belongs to."""
     if isinstance(figure.lines, str):
         return str(cell.parameters[figure.lines])
     return "" if figure.lines is None else figure.lines(row)
@@ -241,7 +241,7 @@ def _unit(picture: Picture, row: Row) -> Unit:
 
 
 def with_unit(name: str, unit: Unit) -> str:
-    """Label of values."""
+    """Label of an axis with its unit."""
     return f"{name}, {unit.name}" if unit.name else name
 
 
@@ -267,7 +267,7 @@ def _panels(figure: Figure, groups: Mapping[str, Cells]) -> list[AnyPanel]:
 
 
 def _bars(figure: Figure, groups: Mapping[str, Cells]) -> list[AnyPanel]:
-    """A panel of bars for each group of cells, and the ratios of all of them."""
+    """A panel of bars for each group of cells, then the ratios of all."""
     panels: list[BarPanel] = []
     curves = []
     for label, cells in groups.items():
@@ -291,12 +291,12 @@ def _bars(figure: Figure, groups: Mapping[str, Cells]) -> list[AnyPanel]:
 
 
 def _curve(label: str, points: Sequence[Point]) -> Curve:
-    """A line of rows, sorted along the axis."""
+    """Make a curve of one line's rows."""
     return along_axis(label, [(p.x, p.cell, read(p.row)) for p in points])
 
 
 def curves_of(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]:
-    """Curves of each panel, in the units of a person."""
+    """Curves of each panel, in units for people."""
     found: dict[str, dict[tuple[str, str], list[Point]]] = {}
     for point in points:
         key = point.line, point.cell.name if figure.over else ""
@@ -311,7 +311,7 @@ def curves_of(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]
 
 
 def _lines(figure: Figure, points: Sequence[Point]) -> list[AnyPanel]:
-    """Points with predictions over the axis, and below them the ratio of both."""
+    """Points with predictions along the axis, and strips with their ratios."""
     every = curves_of(figure, points)
     names = list(dict.fromkeys(point.line for point in points))
     whole = [c for curves in every.values() for c in curves]
@@ -353,7 +353,7 @@ def _lines(figure: Figure, points: Sequence[Point]) -> list[AnyPanel]:
 
 
 def _series(figure: Figure, c: Curve, place: int, z: float) -> list[Series]:
-    """A line: its prediction and measured points, or what is not sampled alone."""
+    """Series of one line: its prediction and its points, or one without chance."""
     if figure.compared:
         predicted = c.predicted("-", "theory")
         if len(predicted.x) == 1:  # no line
@@ -376,7 +376,7 @@ def _series(figure: Figure, c: Curve, place: int, z: float) -> list[Series]:
 def _theories(
     figure: Figure, curves: Sequence[Curve], points: Sequence[Point]
 ) -> list[Series]:
-    """Lines of the other predictions of the same statistics."""
+    """Lines of the other theories for the same statistics."""
     series: list[Series] = []
     for by in (*figure.theories, *filter(None, (figure.bound,))):
         name = "Cramér-Rao bound" if by == figure.bound else FORMULAS.get(by, by)
@@ -397,7 +397,7 @@ def _theories(
 
 
 def _over(c: Curve, theories: Sequence[Series]) -> Iterator[Series]:
-    """Other predictions over the one that a curve is divided by."""
+    """Other theories' lines, divided by the prediction of a curve."""
     x, place = np.unique(c.x, return_index=True)
     for line in theories:
         own = c.prediction[place]
@@ -406,7 +406,7 @@ def _over(c: Curve, theories: Sequence[Series]) -> Iterator[Series]:
 
 
 def _resolved(figure: Figure, points: Sequence[Point]) -> list[Series]:
-    """Relative standard error of what the lines are distances from."""
+    """Standard error below which distances cannot be seen, relative."""
     found = {
         (p.x, r.standard_error / abs(r.prediction))
         for p in points
@@ -422,7 +422,7 @@ def _resolved(figure: Figure, points: Sequence[Point]) -> list[Series]:
 
 
 def _floor(figure: Figure, points: Sequence[Point]) -> list[Series]:
-    """A value of a cell across the axis, or values along it."""
+    """A value of a cell drawn as a level line, or values along the axis."""
     cell, factor = points[0].cell, _unit(figure, points[0].row).factor
     own = [r for r in cell.rows if figure.floor in (r.statistic, r.statistic.family)]
     if isinstance(figure.floor, Statistic):
@@ -441,7 +441,7 @@ def _floor(figure: Figure, points: Sequence[Point]) -> list[Series]:
 
 
 def sentence(picture: Picture, cells: Cells) -> str:
-    """What the rows of a figure say, by its template, with a space; empty without."""
+    """The sentence that a figure's template makes of its rows; empty without one."""
     figure = picture if isinstance(picture, Figure) else None
     rows = picture.about or (figure.rows if figure else ())
     by = figure.by if figure and not picture.about else None
@@ -489,7 +489,7 @@ def sentence(picture: Picture, cells: Cells) -> str:
 
 
 def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, str]:
-    """Ends of the axis, and theory's lines at one over those at the other."""
+    """Ends of the axis, and the ratio of theory's values there."""
     lines: dict[tuple[Any, ...], list[tuple[float, float]]] = {}
     for cell, row in own:
         rest = {k: v for k, v in cell.parameters.items() if k != figure.along}
@@ -508,6 +508,6 @@ def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, s
 
 
 def where_of(cell: CellResult, cells: Cells, without: object = None) -> str:
-    """Parameters that distinguish a cell from the others of its study."""
+    """Spell the parameters that distinguish a cell from the others of its study."""
     keys = [key for key in varying(cells) if key not in (*EFFORT, without)]
     return ", ".join(setting_words(cell.study, k, cell.parameters.get(k)) for k in keys)

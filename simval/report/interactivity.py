@@ -1,4 +1,4 @@
-"""Interactive figures: data of their points, and legends that select series.
+"""Interactive figures: notes on points, and legends that show and hide series.
 
 The figure is one image for a screen reader. Over it lie its points, each an invisible
 disc with a title, which every browser shows where the pointer rests. The page's script
@@ -19,12 +19,12 @@ DISC = 5.0
 
 
 def labels_of(every: Iterable[AnyPanel]) -> list[str]:
-    """Entries of the legends of all panels of a figure."""
+    """Legend entries of all panels of a figure."""
     return list(dict.fromkeys(s.label for p in every for s in _series(p) if s.label))
 
 
 def names_of(panel: AnyPanel, labels: Sequence[str]) -> list[str]:
-    """Attribute of each series: the entries of the legend that show and hide it."""
+    """HTML attribute of each series: the legend entries that show and hide it."""
     series = _series(panel)
     keys = [
         sorted(
@@ -36,7 +36,7 @@ def names_of(panel: AnyPanel, labels: Sequence[str]) -> list[str]:
 
 
 def entries_of(panel: AnyPanel, labels: Sequence[str]) -> list[tuple[Series, str]]:
-    """Series that look alike are one entry of a legend; with its key."""
+    """Legend entries with their keys; series that look alike share one."""
     alike = {(s.label, s.colour, s.line, s.marker): s for s in reversed(_series(panel))}
     return [
         (s, str(labels.index(s.label))) for s in reversed(alike.values()) if s.label
@@ -50,7 +50,7 @@ def discs(
     labels: Sequence[str],
     box: tuple[float, float, float, float],
 ) -> str:
-    """Discs with titles over the points of a panel that are within its axes."""
+    """Discs with notes over the points of a panel."""
     # those of bars are not switched
     names = names_of(panel, labels) or ['data-keys=""' for _ in drawn]
     left, top, right, bottom = box
@@ -74,7 +74,7 @@ def discs(
 
 
 def silent(drawing: Drawing) -> bool:
-    """Whether it has points that would say something, were they not so many."""
+    """True if its points have notes but are too many to show them."""
     every = [series for panel in drawing.panels for series in _series(panel)]
     return any(len(series.notes) > MANY for series in every)
 
@@ -84,7 +84,7 @@ def _series(panel: AnyPanel) -> Sequence[Series]:
 
 
 def _holds(entry: Series, s: Series, series: Sequence[Series]) -> bool:
-    """True if a legend entry shows and hides a series.
+    """True if a legend entry belongs to a series.
 
     Its own does. A line without one, and the line that stands in the legend for such
     lines of its style, belongs to the marks of its colour as well.

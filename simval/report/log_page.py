@@ -1,4 +1,4 @@
-"""The page of one log: three answers, then figures and tables, then its source.
+"""Page of one log: answers, then figures and tables, then how it was made.
 
 A calibration, filters and the noise of a log are such pages. Each kind states its
 answers, figures and tables; this module is the page around them.
@@ -51,12 +51,12 @@ class LogPage:
 
     @property
     def name(self) -> str:
-        """Name of the log's file: pages are shared, so they never show where it is."""
+        """Name of the log's file alone, as pages are shared."""
         return PurePath(self.log.path).name
 
     @property
     def sections(self) -> tuple[Section, ...]:
-        """Answers, chapters, and where the numbers are from."""
+        """The sections: answers, chapters, and where the numbers come from."""
         account = self.account
         facts = (
             ("Log", self.name),
@@ -88,7 +88,7 @@ class LogPage:
 
 
 def tables_of(values: Values) -> Iterator[Table]:
-    """The values as every face has them, and behind a fold every digit of them.
+    """Tables of the values, and folded behind them all their digits.
 
     Those that a terminal shows on request have their facts as a column, or a fold.
     """
@@ -151,7 +151,7 @@ def render_log(page: LogPage) -> str:
 def linear(
     title: str, x_label: str, y_label: str, series: Sequence[Series], **more: Any
 ) -> Panel:
-    """A panel over time or a count."""
+    """A panel with linear axes."""
     return Panel(
         title=title,
         x_label=x_label,
@@ -178,7 +178,7 @@ def stated(
     high: Float[Array, " n"],
     label: str,
 ) -> Series:
-    """What is stated of a signal over time, as an area."""
+    """A band that is stated for a signal over time, as an area."""
     middle, half = (high + low) / 2.0, (high - low) / 2.0
     return Series(label=label, x=time, y=middle, band=half, line=AREA)
 
@@ -189,7 +189,7 @@ def numbered(
     label: str,
     places: Float[Array, " n"] | None = None,
 ) -> list[Series]:
-    """Points in their order, or at some places, some marked under a label."""
+    """Points in order or at given places, some of them marked with a label."""
     order = np.arange(float(len(values)))
     odd = np.isin(order, marked)
     places = order if places is None else places

@@ -1,4 +1,4 @@
-"""What a panel shows: its axes, and the ink of its points, lines, bars and shares.
+"""Ink of a panel: its axes, points, lines, bars and shares.
 
 `framed` turns a panel of any kind into a `Frame`, whose ink is made when its axes have
 their place on a sheet (`Scale`). Lengths are points, from the upper left corner.
@@ -21,6 +21,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.report.interactivity import entries_of, names_of
 from simval.report.panels import (
+    AREA,
     GREY,
     INK,
     LONG_CURVE,
@@ -96,7 +97,7 @@ class Marks:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Lines of words."""
+    """Text of one or more lines."""
 
     text: str
     x: float
@@ -111,7 +112,7 @@ Ink = Lines | Marks | Words
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """Ink that the page's script may switch together."""
+    """Ink that the page's script can show and hide together."""
 
     ink: Sequence[Ink]
     attributes: str = ""
@@ -120,7 +121,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A line of a legend."""
+    """An entry of a legend."""
 
     label: str
     ink: Sequence[Lines | Marks]  # from 0 to `SAMPLE` across, at height 0
@@ -147,14 +148,14 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """An axis at its place on a sheet."""
+    """An axis, placed on a sheet."""
 
     axis: Axis
     start: float
     stop: float
 
     def __call__(self, values: Array | float) -> Array:
-        """Places of values; what is far outside is brought near."""
+        """Places of values on the sheet; what is far outside is brought nearer."""
         ends = np.array([self.axis.low, self.axis.high])
         values = np.asarray(values, dtype=float)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -177,12 +178,14 @@ class Frame:
     data: Sequence[tuple[str, Sequence[Sequence[Any]]]] = ()
     upward: str = ""  # what the second of them is, where it is not what the axis says
     entries: Sequence[Entry] = ()
+    # that may be named at their ends, each with what the page's script knows it by
+    named: Sequence[tuple[Series, str]] = ()
     slant: float = 0.0  # of the names below, degrees
     bare: bool = False  # without axes, and as high as wide
 
 
 def ends(values: Iterable[Array | Sequence[float]], *, log: bool = False) -> Array:
-    """Ends of an axis about values, with a margin."""
+    """Ends of an axis around some values, with a margin."""
     every = np.concatenate([np.empty(0), *values])
     every = every[near(every)]
     if not every.size:
@@ -197,7 +200,7 @@ def ends(values: Iterable[Array | Sequence[float]], *, log: bool = False) -> Arr
 
 
 def ticks_of(axis: Axis, room: float, *, along: bool) -> Sequence[tuple[float, str]]:
-    """Ticks of an axis of this length with names, side by side or one over another."""
+    """Ticks with names that fit on an axis of this length."""
     if axis.ticks is not None:
         return axis.ticks
     if axis.log:
@@ -216,7 +219,7 @@ def ticks_of(axis: Axis, room: float, *, along: bool) -> Sequence[tuple[float, s
 def even_ticks(
     low: float, high: float, most: int, *, whole: bool = False
 ) -> list[float]:
-    """At most so many multiples of 1, 2, 2.5 or 5 times a power of ten."""
+    """A few multiples of 1, 2, 2.5 or 5 times a power of ten."""
     width = (high - low) / most
     power = 10.0 ** np.floor(np.log10(width))
     for factor in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0):
@@ -242,7 +245,7 @@ def decimals(ticks: Sequence[float]) -> list[str]:
 
 
 def log_ticks(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
-    """Ticks of a logarithmic axis: at the few places of its data, or round numbers."""
+    """Ticks of a logarithmic axis: at its data if they are few, else round numbers."""
     if not 0.0 < low < high < np.inf:
         return []
     inside = [float(x) for x in places if low <= x <= high]
@@ -262,7 +265,7 @@ def log_ticks(low: float, high: float, places: Float[Array, " n"]) -> list[float
 
 
 def minor_ticks(axis: Axis) -> list[float]:
-    """Ticks without names of a logarithmic axis: 2 to 9 in each of a few decades."""
+    """Minor ticks of a logarithmic axis, 2 to 9 in each decade if decades are few."""
     if not (axis.log and 0.0 < axis.low < axis.high < np.inf):
         return []
     first, last = np.floor(np.log10([axis.low, axis.high])).astype(int).tolist()
@@ -272,7 +275,7 @@ def minor_ticks(axis: Axis) -> list[float]:
 
 
 def spelled(x: float) -> str:
-    """Spell a number of an axis: 0.1, 10⁻⁵, 3×10⁻⁵."""
+    """Spell a number on an axis: 0.1, 10⁻⁵, 3×10⁻⁵."""
     if 1e-3 <= x < 1e5:
         return f"{x:.6g}"
     head, _, power = f"{x:.2e}".partition("e")
@@ -286,7 +289,7 @@ def spelled(x: float) -> str:
 
 @singledispatch
 def framed(panel: object, labels: Sequence[str]) -> Frame:
-    """The axes of a panel and its ink; `labels` are all those of its figure."""
+    """Axes and ink of a panel; `labels` are those of its whole figure."""
     raise TypeError(type(panel))
 
 
@@ -322,25 +325,40 @@ def _(panel: Panel, labels: Sequence[str]) -> Frame:
     ]
     more += [Entry(panel.shaded, [Lines([SAMPLE_BOX], **REST)])] * bool(panel.spans)
     more += [Entry("upper limit: the bar reaches 0", [_limit(s)]) for s in limits]
+    points = [end(s) for s in series]
     return Frame(
         title=panel.title,
         x=across,
         y=up,
         draw=draw,
-        points=[end(s) for s in series],
+        points=points,
+        named=_named(points, names),
         entries=_entries(panel, labels) + [entry for entry in more if entry.label],
         data=[_numbers(s, s.y) for s in series],
     )
 
 
+def _named(series: Sequence[Series], names: Sequence[str]) -> list[tuple[Series, str]]:
+    """Series that may be named at their ends: no two ends have one colour."""
+    plain = INK, GREY  # of theory, a bound, a limit
+    own = [
+        (s, name)
+        for s, name in zip(series, names, strict=True)
+        if len(s.x) and s.colour not in plain and s.line != AREA
+    ]
+    ends = {(s.colour, s.x[-1], s.y[-1]) for s, _ in own}
+    found = [each for each in own if each[0].label]
+    return found if len(ends) == len(found) else []
+
+
 def _numbers(s: Series, y: Sequence[Any] | Array) -> tuple[str, list[Sequence[Any]]]:
-    """What is drawn of a series, as numbers."""
+    """The data of a series that is drawn."""
     band = [""] * len(s.x) if s.band is None else s.band
     return s.label, [*zip(s.x, y, band, strict=True)]
 
 
 def _drawable(panel: Panel) -> Panel:
-    """Leave out points that cannot be on the axes; without data axes are linear."""
+    """Leave out points that no axis can show; without data the axes are linear."""
     series = []
     for s in panel.series:
         with np.errstate(over="ignore", invalid="ignore"):  # such are left out
@@ -370,7 +388,7 @@ def _across(panel: Panel, series: Sequence[Series]) -> Axis:
 
 
 def _up(panel: Panel) -> Axis:
-    """What is drawn has room; on a logarithmic axis what is positive of it."""
+    """Vertical axis with room for what is drawn."""
     heights = [np.array([height for height, _ in panel.references], dtype=float)]
     for s in panel.series:
         heights.append(np.asarray(s.y, dtype=float))
@@ -400,14 +418,14 @@ def _curve(s: Series, x: Scale, y: Scale) -> list[Ink]:
 
 
 def _stroke(s: Series, path: Array) -> list[Any]:
-    """The line of a curve; that of theory is thin, and an area has none."""
+    """Line of a curve; thin for theory, none for an area."""
     width = 1.0 if s.colour == INK else 1.4
     dash = DASHES.get(s.line)
     return [] if dash is None else [Lines([path], s.colour, width, dash)]
 
 
 def _points(s: Series, x: Scale, y: Scale) -> list[Ink]:
-    """Points with bars; on a logarithmic axis an upper limit if the bar reaches 0."""
+    """Points with bars; on a logarithmic axis an upper limit if a bar reaches 0."""
     whole = _whole(s, y.axis.log)
     if s.band is None:
         return [_marks(s, x(s.x), y(s.y))]
@@ -421,7 +439,7 @@ def _points(s: Series, x: Scale, y: Scale) -> list[Ink]:
 
 
 def _limit(s: Series) -> Marks:
-    """The mark of an upper limit, in the middle of a sample."""
+    """The mark of an upper limit."""
     return Marks(SAMPLE_LINE.mean(axis=0, keepdims=True), "v", s.colour, hollow=True)
 
 
@@ -436,7 +454,7 @@ def _flat_points(s: Series, x: Scale, y: Scale) -> list[Ink]:
 
 
 def _whole(s: Series, upper_limits: bool) -> Any:
-    """Which points are no upper limits: those whose bar does not reach 0."""
+    """Mask of the points that are no upper limits."""
     if s.line or not upper_limits or s.band is None:
         return np.ones(len(s.x), dtype=bool)
     return ~(s.y - s.band <= 0.0)
@@ -447,7 +465,7 @@ def _path(values: Array, heights: Array, x: Scale, y: Scale) -> Array:
 
 
 def _fewer(s: Series, across: Axis, up: Axis) -> Series:
-    """A line of many points by those that are seen."""
+    """A line with many points, reduced to those that can be seen."""
     if not s.line or len(s.x) <= LONG_CURVE:
         return s
     half: Any = 0.0 if s.band is None else s.band
@@ -462,7 +480,7 @@ def _fewer(s: Series, across: Axis, up: Axis) -> Series:
 
 
 def _seen(x: Array, y: Array) -> Any:
-    """Which points of a line make it: ends and extremes of each part, where it bends.
+    """Indices of the points of a line that matter: ends, extremes and bends.
 
     A point is left out within `FLAT` of the chord of its neighbours, every second one
     at a time, until none is; so a smooth line is off by less than twice that.
@@ -490,14 +508,14 @@ def _marks(s: Series, x: Array, y: Array) -> Marks:
 
 
 def _apart(places: Array) -> Any:
-    """Which marks are drawn; of many that are within two points one."""
+    """Which marks to draw: one of any within two points of each other."""
     if len(places) <= MANY:
         return slice(None)
     return np.sort(np.unique(np.rint(places / 2.0), axis=0, return_index=True)[1])
 
 
 def _bars(across: Array, low: Array, high: Array, *, flat: bool = False) -> list[Array]:
-    """Bars from low to high with ends; of many the stretches that they cover."""
+    """Bars with ends; if there are many, the stretches that they cover."""
     low, high, caps = np.minimum(low, high), np.maximum(low, high), CAP
     if len(across) > MANY:
         columns, caps = np.rint(across), 0.0
@@ -523,7 +541,7 @@ def _box(left: Any, right: Any, low: Any, high: Any) -> Array:
 
 
 def _entries(panel: Panel | DotPanel, labels: Sequence[str]) -> list[Entry]:
-    """Entries of the legend of series."""
+    """Legend entries of some series."""
     found = []
     for s, key in entries_of(panel, labels):
         middle, none, reach = np.array([SAMPLE / 2.0]), np.zeros(1), np.full(1, 5.0)
@@ -739,7 +757,7 @@ def _(panel: HeatPanel, labels: Sequence[str]) -> Frame:
 
 
 def percent(share: float) -> str:
-    """A share in percent: never 0 where some fail, never 100 where some do not."""
+    """Spell a share in percent; 0 and 100 only if none or all fail."""
     if share < 0.01:
         return "<1"
     return ">99" if 0.99 < share < 1.0 else f"{100.0 * share:.0f}"

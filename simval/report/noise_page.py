@@ -1,4 +1,4 @@
-"""The page of a log's noise: how much, whether the model holds, what to do next.
+"""Page of a log's noise: how large it is, if the model fits, what next.
 
 Coefficients stand in the units of data sheets, where the unit of the log is known.
 """
@@ -24,7 +24,7 @@ BAND = 1.96  # standard deviations of a 95 % band
 def noise_page(
     log: Log, sensors: Sequence[SensorNoise], account: Account, command: str = ""
 ) -> LogPage:
-    """State the figure of a log's noise beside its account."""
+    """State the figure of a log's noise, with its account."""
     drawing = allan_drawing(account.source, sensors)
     chapter = made([drawing]).under("allan", "Allan deviation")
     return LogPage(
@@ -36,7 +36,7 @@ def noise_page(
 
 
 def allan_drawing(name: str, sensors: Sequence[SensorNoise]) -> Drawing:
-    """Allan deviation of each axis with the fitted model, a panel for each sensor."""
+    """Plot the Allan deviation with the fitted model, a panel for each sensor."""
     drawn = [s for s in sensors if any(map(varies, s.axes))]
     return Drawing(
         name="allan-deviation",
@@ -59,7 +59,7 @@ def allan_drawing(name: str, sensors: Sequence[SensorNoise]) -> Drawing:
 
 
 def _quietest(sensor: SensorNoise) -> str:
-    """Least Allan deviation of a sensor's axes and its time, as a sentence."""
+    """Say where the Allan deviation of a sensor is least."""
     size, seconds, letter = min(
         (float(np.sqrt(a.variances.min())), float(a.seconds[a.variances.argmin()]), x)
         for x, a in sensor.lettered
@@ -102,7 +102,7 @@ def _panel(sensor: SensorNoise) -> Panel:
 
 
 def _slopes(sensor: SensorNoise, scale: float) -> Iterator[Series]:
-    """The asymptotes of white noise and of a random walk, of the axis with the most.
+    """Lines of white noise and of a random walk, for the axis with the most.
 
     N over the root of the time, so N at 1 s; K times the root of a third of it.
     """
@@ -136,7 +136,7 @@ def _line(
 
 
 def _model(sensor: SensorNoise, axis: AxisNoise) -> str:
-    """The coefficients in words, bounds as bounds."""
+    """Spell the coefficients of the model, bounds as bounds."""
     if not axis.coefficients:
         return "no model"
     parts = []

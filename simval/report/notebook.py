@@ -1,4 +1,4 @@
-"""Fits and runs in a notebook: axes of matplotlib, and a run as a table."""
+"""Plots for a notebook by Matplotlib, and a run as a table."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -68,7 +68,7 @@ def plot_fit(fit: Any, axes: Any = None, reference: Any = None) -> Any:
 
 
 def pulls(fit: Any, reference: Any) -> Array:
-    """Each parameter less that of a reference, over the deviation of the difference."""
+    """Differences from a reference, in standard deviations of the difference."""
     form, other = _form(fit), _form(reference)
     if isinstance(reference, AccelerometerModel):  # whatever its own form
         gram = reference.matrix.T @ reference.matrix
@@ -86,12 +86,12 @@ def pulls(fit: Any, reference: Any) -> Array:
 
 
 def _form(fit: Any) -> str:
-    """The accelerometer's form, if there is any."""
+    """Form of the accelerometer, if the fit has one."""
     return str(getattr(getattr(fit, "recording", fit), "model", ""))
 
 
 def _kinds(fit: Any) -> list[Kind]:
-    """The parameters of a fit by kind; of the accelerometer as the entries of T."""
+    """Parameters of a fit by kind, the accelerometer's as entries of T."""
     if isinstance(fit, GyroscopeFit):
         return _parts(_GYROSCOPE, fit.names, 0)
     kinds = _accelerometer(_form(fit))
@@ -107,7 +107,7 @@ def _kinds(fit: Any) -> list[Kind]:
 
 
 def _accelerometer(model: Any) -> list[Kind]:
-    """T, K and B, as the first nine parameters of a fit have them."""
+    """T, K and B from the first nine parameters of a fit."""
     names, signs = zip(*forms.entries(model), strict=True)
     titles = [
         ("misalignment T", slice(0, 3)),
@@ -157,7 +157,7 @@ def plot_run(run: Run, statistic: str, along: str = "", axes: Any = None) -> Any
 
 
 def _rows(run: Run, statistic: str) -> dict[str, Row]:
-    """The first row of a statistic by the name of its finished cell."""
+    """First row of a statistic in each finished cell, by the cell's name."""
     done = {cell.name: cell.rows for cell in run.cells if cell.status == "done"}
     found = {
         name: row
@@ -176,7 +176,7 @@ def _rows(run: Run, statistic: str) -> dict[str, Row]:
 
 
 def run_html(run: Run) -> str:
-    """Numbers of cells of each study of a run, by result."""
+    """Table of a run's studies with the number of cells by result."""
     studies: dict[str, dict[str, int]] = {}
     for cell in run.cells:
         endings = studies.setdefault(cell.study, {})

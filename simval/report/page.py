@@ -1,4 +1,4 @@
-"""The page: the first screen, then the chapters in order, each behind a fold.
+"""The page of a run: the first screen, then folded chapters.
 
 A chapter is a section under what it is about. It is open where a check of its studies
 fails or cannot be judged, and where it says what was not measured; else its summary
@@ -35,7 +35,7 @@ from simval.verdict import ALPHA, Answer, Verdict, worst
 
 
 class Entry(NamedTuple):
-    """A section of the page."""
+    """An entry in the list of the page's sections."""
 
     title: str
     # makes it, or None where the run has nothing for it; without, what studies declare
@@ -97,17 +97,17 @@ ALWAYS_OPEN = ("failures", "disagreements")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chapter:
-    """A section behind a fold."""
+    """A section with a fold of its own."""
 
     section: Section
-    mark: str  # how many of its checks are no pass, in words; empty where all are
+    mark: str  # how many of its checks do not pass, in words; empty if all pass
     answer: Answer  # the worst of them
     open: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Chapters about one thing."""
+    """Chapters on one subject."""
 
     anchor: str  # its id on the page
     title: str
@@ -121,7 +121,7 @@ def groups(
     *,
     everything: bool = False,
 ) -> tuple[Group, ...]:
-    """Sort sections into groups; those whose anchors are `opened` stand open."""
+    """Sort sections into groups; those whose anchors are `opened` are unfolded."""
     judged: dict[str, list[Answer]] = {}
     for verdict in verdicts:
         judged.setdefault(home(verdict.cell.study), []).append(verdict.answer)
@@ -250,7 +250,7 @@ def _sections(context: Context) -> tuple[Section, ...]:
 
 
 def _unfolded(page: str) -> str:
-    """The page with every fold open: what comes from data is escaped, so none is it."""
+    """The page with every fold open."""
 
     def opened(match: re.Match[str]) -> str:
         return (
@@ -263,7 +263,7 @@ def _unfolded(page: str) -> str:
 
 
 def _require_parameters(run: Run) -> None:
-    """Refuse a run whose cells lack parameters that the sections read."""
+    """Refuse a run whose cells lack parameters that the page needs."""
     for cell in run.cells:
         if cell.study in STUDIES:
             known = STUDIES[cell.study].parameters.model_fields
@@ -277,7 +277,7 @@ def _require_parameters(run: Run) -> None:
 
 
 def drawings(run: Run) -> tuple[Drawing, ...]:
-    """Every figure of the report.
+    """Every figure of the page.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def drawings(run: Run) -> tuple[Drawing, ...]:
 
 
 def tables(run: Run) -> tuple[Table, ...]:
-    """Every table of the report, whole.
+    """Every table of the page, with all rows.
 
     Parameters
     ----------

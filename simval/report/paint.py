@@ -1,4 +1,4 @@
-"""Drawings as inline SVG, or as files in SVG and PNG: same data, same bytes.
+"""Write drawings as SVG or PNG; the same data gives the same bytes.
 
 Every panel has the same width; letters are as large as a phone needs them, and the
 page's style makes them smaller where there is room. What is about the axes (title,
@@ -18,7 +18,7 @@ import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from itertools import chain
+from itertools import chain, pairwise
 from re import compile as pattern_of
 from re import sub
 from textwrap import wrap
@@ -68,6 +68,9 @@ UPS, UP, UP_LONG = {1: 75.0, 2: 110.0}, 140.0, 75.0
 LEAST_UP = 0.6  # of that height, for few rows
 DISC = 194.0  # height of a map of directions
 LEFT, RIGHT = 30.0, 16.0  # margins, at least
+ENDS, NEAR = 84.0, 0.85
+"""Room for the names of lines at their ends, and how far along the axis these are."""
+LEADING = 0.42  # from the middles of two names to where they would touch, in heights
 EDGE = 4.0  # about all
 SPREAD = 3.0
 """How many times finer than another a scale of one quantity may be, to be shared."""
@@ -113,7 +116,7 @@ CORNERS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sheet:
-    """A panel on paper."""
+    """A panel with its place on paper."""
 
     panel: AnyPanel
     frame: Frame
@@ -125,29 +128,29 @@ class Sheet:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Its axes: left, top, right, bottom."""
+        """The box of its axes: left, top, right, bottom."""
         return self.x.start, self.y.stop, self.x.stop, self.y.start
 
 
 class Part(NamedTuple):
-    """Panels over one another."""
+    """Panels above one another."""
 
     sheets: Sequence[Sheet]
     legend: Sequence[Entry]  # its own, where the figure has none
 
     @property
     def height(self) -> float:
-        """Height of all of them."""
+        """Height of the panels together."""
         return sum(sheet.height for sheet in self.sheets)
 
     @property
     def long(self) -> bool:
-        """True if it has a long curve."""
+        """True if it has a curve with many points."""
         return any(_long(sheet.panel) for sheet in self.sheets)
 
 
 class Plan(NamedTuple):
-    """A figure on paper."""
+    """A figure, laid out on paper."""
 
     parts: Sequence[Part]
     legend: Sequence[Entry]  # of all of them
@@ -156,7 +159,7 @@ class Plan(NamedTuple):
 
 
 def planned(drawing: Drawing, *, legends: bool = False) -> Plan:
-    """Lay a drawing out, with the legends in it or without."""
+    """Lay out a drawing, with or without legends."""
     panels = [
         [*map(_in_lines, (panel, *getattr(panel, "strips", ())))]
         for panel in drawing.panels
@@ -177,9 +180,16 @@ def planned(drawing: Drawing, *, legends: bool = False) -> Plan:
     if one and legends:
         own[-1] = every
     titled = legends or len(drawing.panels) > 1  # or it stands above
+    parts = [*map(_on_one_axis, parts)]
+    ends = [_ends(part, frames, up) for part, frames in zip(panels, parts, strict=True)]
+    names = [(0.0, end.text) for part in ends for each in part for end in each]
+    right = WIDTH - max(RIGHT, MARK + PAD + _widest(names, SMALL))
     made = [
-        Part(_sheets(part, frames, up, legend if legends else (), titled), legend)
-        for part, frames, legend in zip(panels, parts, own, strict=True)
+        Part(
+            _sheets(part, frames, named, right, up, legend if legends else (), titled),
+            legend,
+        )
+        for part, frames, named, legend in zip(panels, parts, ends, own, strict=True)
     ]
     return Plan(made, every if one else [], labels, finer)
 
@@ -189,7 +199,7 @@ def _long(panel: AnyPanel) -> bool:
 
 
 def _entries(frames: Iterable[Frame]) -> list[Entry]:
-    """Entries of the legend of some panels, each once."""
+    """Legend entries of some panels, each once."""
     every = {(e.label, sample(e)): e for frame in frames for e in frame.entries}
     return [*every.values()]
 
@@ -197,7 +207,7 @@ def _entries(frames: Iterable[Frame]) -> list[Entry]:
 def _share_scales(
     panels: Sequence[Sequence[AnyPanel]], parts: Sequence[list[Frame]]
 ) -> float:
-    """Give panels of one quantity one scale, if it is fine enough for each of them."""
+    """Give panels of the same quantity one scale, if that suits each of them."""
     alike: dict[tuple[str, bool], list[list[Frame]]] = {}
     for (panel, *_), part in zip(panels, parts, strict=True):
         if isinstance(panel, Panel) and panel.limits is None:
@@ -216,28 +226,73 @@ def _share_scales(
     return finer
 
 
+def _on_one_axis(frames: list[Frame]) -> list[Frame]:
+    """Panels over one another, on the axis of all of them."""
+    low, high = min(f.x.low for f in frames), max(f.x.high for f in frames)
+    return [replace(f, x=replace(frames[0].x, low=low, high=high)) for f in frames]
+
+
+class End(NamedTuple):
+    """The name of a line at its end."""
+
+    text: str
+    height: float  # on its axes
+    key: str  # by which the page's script knows the line
+
+
+def _line_ends(panel: AnyPanel, frame: Frame, up: float) -> list[End]:
+    """Names of all lines of a panel, if there is room for each; else none."""
+    x, y = Scale(frame.x, 0.0, 1.0), Scale(frame.y, 0.0, _up(panel, frame, up))
+    found = [
+        End(broken(s.label, SLACK * ENDS, SMALL), float(y(s.y[-1])), key)
+        for s, key in frame.named
+        if x(s.x[-1]) >= NEAR
+    ]
+    found.sort(key=lambda end: end.height)
+    apart = all(
+        above.height - below.height
+        >= LEADING * (_high(above.text, SMALL) + _high(below.text, SMALL))
+        for below, above in pairwise(found)
+    )
+    return found if apart and len(found) == len(frame.named) else []
+
+
+def _ends(
+    panels: Sequence[AnyPanel], frames: Sequence[Frame], up: float
+) -> list[list[End]]:
+    """Names of lines in panels over one another; of one alone only in a strip."""
+    found = [_line_ends(*each, up) for each in zip(panels, frames, strict=True)]
+    return [own if len(found[0]) > 1 else [] for own in found]
+
+
 def _sheets(
     panels: Sequence[AnyPanel],
     frames: Sequence[Frame],
+    ends: Sequence[Sequence[End]],
+    right: float,
     up: float,
     legend: Sequence[Entry],
     titled: bool,
 ) -> list[Sheet]:
-    """Panels over one another, on the axis of all of them."""
-    if len(frames) > 1:
-        low, high = min(f.x.low for f in frames), max(f.x.high for f in frames)
-        x = replace(frames[0].x, low=low, high=high)
-        frames = [replace(frame, x=x) for frame in frames]
+    """Lay out panels above one another, the names of their lines from `right` on."""
     highs = [_up(*each, up) for each in zip(panels, frames, strict=True)]
     left = max(map(_left, frames, highs))
     found: list[Sheet] = []
-    for panel, frame, high in zip(panels, frames, highs, strict=True):
+    for panel, frame, high, own in zip(panels, frames, highs, ends, strict=True):
         top = sum(sheet.height for sheet in found)
         last = len(found) == len(panels) - 1
         named = titled and getattr(panel, "limits", None) is None  # and no strip
-        own = legend if last else ()
-        sheet = _sheet(panel, frame, left, high, top, own, last=last, titled=named)
-        found.append(sheet)
+        below = legend if last else ()
+        sides = left, right
+        sheet = _sheet(panel, frame, sides, high, top, below, last=last, titled=named)
+        names = [
+            Group([Words(end.text, right + MARK, middle, SMALL, "start")],
+                  f'class="ends" {end.key}', inside=False)
+            for end in own
+            for lift in [(_high(end.text, SMALL) - _high("1", SMALL)) / 2.0]
+            for middle in [sheet.y.start - end.height - lift]
+        ]  # fmt: skip
+        found.append(replace(sheet, groups=[*sheet.groups, *names]))
     return found
 
 
@@ -249,7 +304,7 @@ def _widest(names: Ticks, size: float = SIZE) -> float:
 
 
 def _left(frame: Frame, up: float) -> float:
-    """Room left of the axes that the names beside and below them need."""
+    """Width that the names left of the axes need."""
     if frame.bare:
         return (WIDTH - up) / 2.0
     beside = _widest(ticks_of(frame.y, up, along=False)) + PAD + TICK
@@ -261,7 +316,7 @@ def _left(frame: Frame, up: float) -> float:
 def _sheet(
     panel: AnyPanel,
     frame: Frame,
-    left: float,
+    sides: tuple[float, float],
     up: float,
     top: float,
     legend: Sequence[Entry],
@@ -269,10 +324,10 @@ def _sheet(
     last: bool,
     titled: bool,
 ) -> Sheet:
-    """A panel with the room that its words need; the last has the names below."""
+    """Lay out one panel with the room that its words need."""
     down = EDGE if frame.y.label else 0.0
     ink: list[Ink] = []
-    # the words of the axis may say as much
+    # the name of the axis may say the same
     title = frame.title if titled else ""
     title = "" if frame.y.label.startswith(title) else title
     for text, size in ((title, TITLE), (frame.y.label, SIZE)):
@@ -280,7 +335,8 @@ def _sheet(
             ink.append(Words(text, 1.0, down + size / 2.0, size, anchor="start"))
             down += _high(text, size) + 1.0
     down += PAD
-    x = Scale(frame.x, left, left + up if frame.bare else WIDTH - RIGHT)
+    left, right = sides
+    x = Scale(frame.x, left, left + up if frame.bare else right)
     y = Scale(frame.y, down + up, down)
     groups, down = [Group(ink, inside=False)], down + up
     if not frame.bare:
@@ -304,7 +360,7 @@ def _sheet(
 def _ruled(
     axis: Scale, other: Scale, ticks: Ticks, words: Sequence[Words], *, flat: bool
 ) -> Group:
-    """An axis with its grid, its ticks and their names; a logarithmic one has more."""
+    """An axis with its grid, ticks and names."""
     kind, foot, out = axis.axis, other.start, TICK if flat else -TICK
     named = [float(axis(value)) for value, _ in ticks]
     grid = [[(at, foot), (at, other.stop)] for at in named * kind.grid]
@@ -323,7 +379,7 @@ def _ruled(
 def _below(
     frame: Frame, x: Scale, ticks: Ticks, down: float
 ) -> tuple[list[Words], float]:
-    """Words below an axis, from this height; and their end."""
+    """Words below an axis, and where they end."""
     down += PAD + TICK * x.axis.marked
     if frame.slant:
         how: Any = {"size": SMALL, "anchor": "end", "turn": frame.slant}
@@ -350,7 +406,7 @@ def _beside(y: Scale, ticks: Ticks, left: float) -> list[Words]:
 
 
 def _legend(entries: Sequence[Entry], left: float, top: float) -> tuple[Group, float]:
-    """A legend below the axes, an entry on a line; and its end."""
+    """A legend below the axes, and where it ends."""
     ink: list[Ink] = []
     for entry in entries:
         name = broken(entry.label, SLACK * WIDTH - left - SAMPLE - BETWEEN, SMALL)
@@ -369,7 +425,7 @@ def _moved(ink: Lines | Marks, by: Array) -> Lines | Marks:
 
 
 def _up(panel: AnyPanel, frame: Frame, usual: float) -> float:
-    """Height of the axes: as usual, or what the names of its rows need."""
+    """Height of the axes: the usual one, or what the names of its rows need."""
     if isinstance(panel, SpherePanel):
         return DISC
     if isinstance(panel, Panel):
@@ -382,7 +438,7 @@ def _up(panel: AnyPanel, frame: Frame, usual: float) -> float:
 
 
 def _wide(text: str, size: float = SIZE) -> float:
-    """Width of the longest line of words."""
+    """Width of the longest line of a text."""
     lines = text.split("\n")
     return size * max(sum(ADVANCES.get(c, 0.7) for c in line) for line in lines)
 
@@ -392,7 +448,7 @@ def _high(text: str, size: float = SIZE) -> float:
 
 
 def broken(text: str, room: float, size: float = SIZE) -> str:
-    """Break words into lines of this length, or within a word at a seam."""
+    """Break words into lines that fit, within a word only at a seam."""
     most = max(1, int(room / (LETTER * size)))
     lines: list[str] = []
     for line in wrap(text, most, break_long_words=False, break_on_hyphens=False):
@@ -424,12 +480,12 @@ def _in_lines(panel: AnyPanel) -> AnyPanel:
 
 
 def root(drawing: Drawing) -> str:
-    """Id of the ``svg`` element, and prefix of every id in it."""
+    """Id of the ``svg`` element, which prefixes every id in it."""
     return f"svg-{drawing.name}"
 
 
 def shown(drawing: Drawing) -> tuple[Plan, list[str]]:
-    """What a page sets side by side: an ``svg`` element for each part, and legends."""
+    """The ``svg`` elements that a page sets side by side, with their legends."""
     plan = planned(drawing)
     if len(plan.parts) == 1:
         return plan, [
@@ -449,7 +505,7 @@ def svg(drawing: Drawing) -> str:
 
 
 def svg_file(drawing: Drawing) -> str:
-    """Draw as a separate SVG file: dark ink on white paper.
+    """Draw as an SVG file of its own: dark ink on white paper.
 
     Parameters
     ----------
@@ -470,7 +526,7 @@ def svg_file(drawing: Drawing) -> str:
 
 
 def _grid(drawing: Drawing, plan: Plan) -> Iterator[tuple[float, float, Part]]:
-    """The parts of a figure side by side, each with its corner."""
+    """Parts of a figure side by side, each with its corner."""
     columns, top = min(len(plan.parts), drawing.columns), 0.0
     for i in range(0, len(plan.parts), columns):
         row = plan.parts[i : i + columns]
@@ -486,7 +542,7 @@ def _size(placed: Sequence[tuple[float, float, Part]]) -> tuple[float, float]:
 def _svg(
     placed: Sequence[tuple[float, float, Part]], plan: Plan, name: str, words: str
 ) -> str:
-    """Draw as an ``svg`` element with prefixed ids and a text alternative."""
+    """Draw an ``svg`` element with prefixed ids and a text alternative."""
     images: list[str] = []
     discs: list[str] = []
     for left, top, part in placed:
@@ -536,7 +592,7 @@ def _discs(sheet: Sheet, labels: Sequence[str]) -> str:
 
 
 def sample(entry: Entry) -> str:
-    """The sample of an entry of a legend."""
+    """The sample of a legend entry."""
     return "".join(map(_part, entry.ink))
 
 
@@ -560,7 +616,7 @@ def _inked(sheet: Sheet, name: str) -> Iterator[str]:
 
 
 def _numbers(frame: Frame) -> str:
-    """The numbers of a panel: a line of what they are, and below it each as CSV.
+    """The data of a panel as CSV, with a heading.
 
     Of more than `MOST` marks of a kind every second, or fewer; lines have no more.
     """
@@ -580,7 +636,7 @@ def _one_line(words: str) -> str:
 
 
 def _reach(sheet: Sheet) -> Array:
-    """Corners of the axes and, where none is moved, of whole marks at their ends."""
+    """Corners of the axes, extended to whole marks at their ends."""
     more = 0.5 if _long(sheet.panel) else MARK
     return np.array(sheet.box).reshape(2, 2) + more * np.array([[-1.0], [1.0]])
 
@@ -646,7 +702,7 @@ def _words(ink: Words) -> str:
 
 
 def _placed_lines(ink: Words) -> Iterator[tuple[str, float, float]]:
-    """Each line of words and the foot of its letters."""
+    """Each line of a text with its baseline."""
     lines = ink.text.split("\n")
     turn = np.radians(ink.turn)
     for i, line in enumerate(lines if ink.text else []):
@@ -701,7 +757,7 @@ def png(drawing: Drawing) -> bytes:
 def _add(
     figure: Any, ink: Ink, sheet: Sheet, corner: tuple[float, float], *, cut: bool
 ) -> None:
-    """Add ink to a figure of Matplotlib, whose heights go up."""
+    """Add ink to a Matplotlib figure, whose heights count upwards."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Polygon, Rectangle
     from matplotlib.text import Text

@@ -1,4 +1,4 @@
-"""Contents of a figure, as data; `paint` turns it into SVG or PNG.
+"""What a figure shows, as data; `paint` makes SVG or PNG of it.
 
 No drawing here: a section computes panels, a panel is arrays and words.
 
@@ -58,7 +58,7 @@ FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
 
 
 def near(values: Array) -> Any:
-    """True if values can be on an axis: finite, and not near overflow."""
+    """Mask of values that an axis can show: finite and far from overflow."""
     return np.abs(values) < FARTHEST  # NaN is not
 
 
@@ -101,13 +101,13 @@ class Panel:
 
     @property
     def long(self) -> bool:
-        """True if it has a long curve over a linear axis, such as time."""
+        """True if it has a curve with many points over a linear axis, such as time."""
         return not self.log_x and any(len(s.x) > LONG_CURVE for s in self.series)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpherePanel:
-    """Directions in an equal-area map of one half sphere."""
+    """Directions on an equal-area map of one half of the sphere."""
 
     title: str
     # unit vectors; those of the other half are not drawn
@@ -119,7 +119,7 @@ class SpherePanel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BarPanel:
-    """Measured parts of a whole, each with its prediction."""
+    """Measured parts of a whole, each beside its prediction."""
 
     # words, with the unit
     title: str
@@ -136,7 +136,7 @@ class BarPanel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DotPanel:
-    """Values of named things side by side, several of each, along one axis."""
+    """Values of named things along one axis, several for each."""
 
     # words, with the unit
     title: str
@@ -150,7 +150,7 @@ class DotPanel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeatPanel:
-    """A share for each pair of names, from 0 to 1."""
+    """A share from 0 to 1 for each pair of names."""
 
     title: str
     names: Sequence[str]  # from top to bottom
@@ -163,12 +163,12 @@ AnyPanel = Panel | SpherePanel | BarPanel | DotPanel | HeatPanel
 
 
 def shade(colour: str) -> str:
-    """A colour as the page knows it: dark paper has another one (``style.css``)."""
+    """A colour for the page, which has other colours in dark mode (``style.css``)."""
     return f"var(--x{colour[1:]},{colour})" if colour in DARK else colour
 
 
 def told(panel: AnyPanel) -> str:
-    """Text alternative of a panel: title, axes and legend."""
+    """Text alternative of a panel: its title, axes and legend."""
     x, y = getattr(panel, "x_label", ""), getattr(panel, "y_label", "")
     labels = ", ".join(s.label for s in getattr(panel, "series", ()) if s.label)
     words = (panel.title, f"{y} against {x}" if x and y else x, labels)
@@ -177,7 +177,7 @@ def told(panel: AnyPanel) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawing:
-    """A figure: panels, a caption and a text for those who cannot see it."""
+    """A figure: panels, a caption, and a text for those who cannot see it."""
 
     # unique on the page: part of every id in the figure, and its file name; a slug
     # (`simval.report.formatting.slug`)

@@ -1,4 +1,4 @@
-"""Pictures of the simulation: the scene with its poses, and a filter's trial.
+"""Pictures of simulations: the scene with its poses, and a filter's attitudes.
 
 A trial turns as SVG with animations of its own: no script and no video.
 """
@@ -48,7 +48,7 @@ class Picture:
 
 
 def scene_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on the scenes."""
     files = listed(context.run.folder, "scene-*.npz")
     scenes: list[Picture] = []
     for file in files[:MAX_SCENES]:
@@ -90,7 +90,7 @@ def _scene(file: Path, explained: bool) -> Picture | None:
 
 
 def _drawn(file: Path) -> bytes:
-    """The bytes of a picture, which is one and of the size that is drawn."""
+    """Bytes of a picture, checked to be one of the right size."""
     content = content_of(file)
     width, height = (int.from_bytes(content[i : i + 4]) for i in (16, 20))
     if content[:8] != PNG or not 0 < max(width, height) <= MAX_SIDE:
@@ -149,7 +149,7 @@ def turning(
     truth: Float[Array, "k 4"],
     estimate: Float[Array, "k 4"],
 ) -> Markup:
-    """Axes of the truth, thick and pale, and of the estimate, thin, in the world."""
+    """Moving axes of the truth, thick and pale, and of the estimate, thin."""
     seconds = min(float(time[-1] - time[0]), LONGEST)
     share = (time - time[0]) / (time[-1] - time[0])
     keys = ";".join(f"{each:.4g}" for each in share)
@@ -166,7 +166,7 @@ def turning(
 
 
 def _seen(axes: Float[Array, "k 3 3"]) -> Float[Array, "k 3 2"]:
-    """Ends of the body's axes, the rows, on the page: x right, y down."""
+    """Ends of the body's axes as seen on the page, x to the right and y down."""
     right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
     near = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
     up = np.cos(ELEVATION) * np.array([0.0, 0.0, 1.0]) - np.sin(ELEVATION) * near
@@ -201,7 +201,7 @@ def _line(
 
 
 def filters_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on filters."""
     cells = context.cells("filter")
     if not cells:
         return None

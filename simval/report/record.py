@@ -1,4 +1,4 @@
-"""Record of a run: omissions, every number, and how to repeat it."""
+"""Record of a run: what is missing, every number, and how to repeat it."""
 
 import json
 import shlex
@@ -18,7 +18,7 @@ MAX_FAILURES = 200  # for the size of a page; the rest is counted
 
 
 def failures_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on cells without results."""
     unfinished, gaps = context.judged.unfinished, context.judged.gaps
     if not unfinished and not gaps:
         return None
@@ -41,7 +41,7 @@ MAX_NUMBERS = 500  # for the size of a page; the rest is counted
 
 
 def numbers_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section with every number."""
     rows = [
         (cell.name, *numbers_of(row)) for cell in context.run.cells for row in cell.rows
     ]
@@ -69,7 +69,7 @@ FILE = "simval sweep suite.toml"
 
 
 def provenance_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on where the numbers come from."""
     manifest = context.run.manifest
     git = manifest["git"]
     return made(
@@ -83,7 +83,7 @@ def provenance_section(context: Context) -> Section | None:
 
 
 def command(manifest: Mapping[str, Any]) -> str:
-    """Command that reproduces the run."""
+    """Command that repeats the run."""
     grid = manifest["grid"]
     try:
         known = load_suite(manifest["suite"]).grid
@@ -99,7 +99,7 @@ def command(manifest: Mapping[str, Any]) -> str:
 
 
 def _settings(known: Mapping[str, Any], grid: Mapping[str, Any]) -> list[str]:
-    """Words of the command line for what differs from the built-in suite."""
+    """Options for whatever differs from the built-in suite."""
     words = []
     for study, table in grid.items():
         if study == "seed":
@@ -112,7 +112,7 @@ def _settings(known: Mapping[str, Any], grid: Mapping[str, Any]) -> list[str]:
 
 
 def suite_text(manifest: Mapping[str, Any]) -> str:
-    """Spell the whole grid as a suite file."""
+    """The whole grid as a suite file."""
     grid = manifest["grid"]
     own = {key: manifest[key] for key in ("title", "question") if manifest.get(key)}
     tables = [("", own | {"seed": grid["seed"]})]
@@ -134,7 +134,7 @@ def suite_text(manifest: Mapping[str, Any]) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Spell a boolean, number, text or list as TOML (JSON's spelling fits all)."""
+    """Spell a boolean, number, text or list in TOML."""
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""A section of the page: the rows it reads, its contents, its template.
+"""A section of the page: what it reads, what it contains, how it is written.
 
 Everything that comes from data is escaped in the templates.
 
@@ -51,18 +51,18 @@ PRINTED = 40
 
 
 def template(*names: str) -> Template:
-    """Load the first template of these names that this package has."""
+    """Load the first of these templates that exists."""
     return _environment().select_template([f"{name}.html.j2" for name in names])
 
 
 def whole(words: str) -> Markup:
-    """Words for a page: no line ends within ``a ± b`` or the name of an option."""
+    """Keep ``a ± b`` and names of options from being broken across lines."""
     kept = r'<span class="whole">\g<0></span>'
     return Markup(re.sub(r"--[a-z][a-z-]*|\S+ ± \S+", kept, str(escape(words))))
 
 
 def script() -> dict[str, Any]:
-    """The page's only script and its hash for the content security policy."""
+    """The page's script, and its hash for the content security policy."""
     folder = resources.files("simval.report") / "templates"
     parts = [(folder / name).read_text(encoding="utf-8") for name in SCRIPTS]
     content = "\n".join(['"use strict";', *parts])
@@ -92,7 +92,7 @@ def _environment() -> Environment:
 
 
 def folder_of(run: Run) -> str:
-    """The run for a command: its path below the working folder, else its name.
+    """The run as a command names it: a path below the working folder, or its name.
 
     Pages are shared, so they never show where on a machine a run is.
     """
@@ -102,7 +102,7 @@ def folder_of(run: Run) -> str:
 
 
 def located(run: Run) -> Run:
-    """Tell the cells of a run how a command names it."""
+    """Tell a run's cells how a command names the run."""
     folder = folder_of(run)
     return replace(run, cells=tuple(replace(cell, run=folder) for cell in run.cells))
 
@@ -120,7 +120,7 @@ Axes = Mapping[str, Sequence[str]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """The cells of a run that a page shows."""
+    """The cells of a large run that a page shows."""
 
     run: Run  # with these cells alone
     names: frozenset[str] = frozenset()  # of the cells, where they are not all
@@ -153,7 +153,7 @@ def part_of(run: Run) -> Part:
 
 
 def thinned(axes: Axes, count: int, room: int) -> dict[str, frozenset[str]]:
-    """Values that are kept of each axis so that of `count` cells about `room` stay."""
+    """Choose values of each axis so that about `room` of `count` cells remain."""
     kept = {key: list(values) for key, values in axes.items()}
     whole = prod(map(len, axes.values()))
     while count * prod(map(len, kept.values())) > room * whole:
@@ -188,7 +188,7 @@ def _values(cell: CellResult) -> list[tuple[str, str]]:
 def _words(
     grids: Mapping[str, Axes], kept: Mapping[str, Mapping[str, frozenset[str]]]
 ) -> str:
-    """Numbers of values of each parameter, study by study."""
+    """Say how many values of each parameter are shown, study by study."""
     parts = []
     for study, axes in grids.items():
         fewer = [
@@ -214,7 +214,7 @@ def home(study: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Against:
-    """Another run, and what is different in the one that is shown."""
+    """Another run to compare with, and how the run shown differs from it."""
 
     run: Run
     changes: RunComparison
@@ -222,7 +222,7 @@ class Against:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """Context of every section: the run, its judgement and its comparisons."""
+    """What every section reads: the run, its judgement and its comparisons."""
 
     run: Run  # the run folder's content
     judged: GateResult  # what the gate says of it, or of all of it
@@ -233,12 +233,12 @@ class Context:
 
     @property
     def folder(self) -> str:
-        """The run for a command."""
+        """The run as a command names it."""
         return folder_of(self.run)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Checks against theory; of a large run those of its part, and all failures."""
+        """The verdicts shown; for a large run those of its part, and all failures."""
         if self.part is None or not self.part.names:
             return self.judged.verdicts
         return tuple(
@@ -249,17 +249,17 @@ class Context:
 
     @property
     def alpha(self) -> float:
-        """False-alarm rate that they share."""
+        """False-alarm rate of all verdicts together."""
         return self.judged.alpha
 
     def cells(self, study: str) -> tuple[CellResult, ...]:
-        """Finished cells of one study that left rows."""
+        """Finished cells of one study that have rows."""
         return tuple(cell for cell in self.run.of(study) if cell.rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A part of the page."""
+    """A section of the page."""
 
     drawings: tuple[Drawing, ...]
     tables: tuple[Table, ...]
@@ -270,12 +270,12 @@ class Section:
     elsewhere: tuple[str, ...] = ()
 
     def under(self, anchor: str, title: str) -> "Section":
-        """The section at its place on the page."""
+        """The section with its anchor and title."""
         return replace(self, anchor=anchor, title=title)
 
     @property
     def body(self) -> Markup:
-        """The part, drawn: its own template, else its figures and tables in order."""
+        """The section in HTML, by its own template or as figures and tables."""
         text = template(self.anchor, "plain").render(
             drawings=self.drawings,
             tables=self.tables,
@@ -287,5 +287,5 @@ class Section:
 def made(
     drawings: Sequence[Drawing] = (), tables: Sequence[Table] = (), **values: object
 ) -> Section:
-    """What stands in a section; nothing is drawn before its `body` is read."""
+    """Make a section, whose figures are drawn only when its `body` is read."""
     return Section(drawings=tuple(drawings), tables=tuple(tables), values=values)

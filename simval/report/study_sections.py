@@ -1,4 +1,4 @@
-"""Sections that studies declare: figures, tables of rows and slopes, omissions.
+"""Sections that studies declare: figures, tables of rows, tables of slopes.
 
 Of any study efficiency, coverage and NEES are drawn; one that declares no figure of its
 own is drawn along what varies most.
@@ -67,7 +67,7 @@ MAX_ROWS = 120
 
 
 def slopes_of(figure: Figure, cells: Cells) -> list[tuple[Any, ...]]:
-    """Each line of a figure: what it is, of which cells, its curve, leading order."""
+    """Each line of a figure: its name and cells, its curve, and the leading order."""
     rows: list[tuple[Any, ...]] = []
     figure, cells = settled(figure, cells)
     for label, own in groups_of(figure, cells).items() if figure.slope else ():
@@ -88,7 +88,7 @@ def slopes_of(figure: Figure, cells: Cells) -> list[tuple[Any, ...]]:
 
 
 def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
-    """A table of fitted slopes, theory's and the leading orders, if there are any.
+    """Table of fitted slopes beside those of theory; none without lines.
 
     A line without chance has the slope between its two smallest places.
     """
@@ -108,13 +108,13 @@ def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
     table = Table(
         name=f"{anchor}-slopes",
         fold=(said if found else "Slopes along the axis") if well else "",
-        caption=f"Slopes along the axis, with 95 % intervals: {spelled(anchor)}",
+        caption=f"Slopes along the axis: {spelled(anchor)}",
         columns=(
             Column("statistic"),
-            Column("of"),
-            Column("fitted"),
-            Column("of theory's own line", "number"),
-            Column("leading order", "number"),
+            Column("of", shown="line"),
+            Column("fitted", shown="fitted slope"),
+            Column("of theory's own line", "number", shown="slope of theory's line"),
+            Column("leading order", "number", shown="theory's leading order"),
         ),
         rows=rows,
         shown=MAX_ROWS,
@@ -123,7 +123,7 @@ def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
 
 
 def listed(listing: Listing, cells: Cells) -> list[Table]:
-    """A table of rows: a line for each cell and key; none without rows."""
+    """Table of rows, with a line for each cell and key; none without rows."""
     cells = [c for c in cells if listing.where(c.parameters)]
     varied = [key for key in varying(cells) if key not in EFFORT]
     parameters = [*dict.fromkeys((*listing.parameters, *varied))]
@@ -189,7 +189,7 @@ def _predicted(row: Row) -> float | None:
 
 
 def section_of(context: Context, anchor: str) -> Section | None:
-    """All that studies declare for a section; None without anything."""
+    """Everything that studies declare for a section; None if nothing."""
     drawings, tables = shown_of(context, anchor)
     if not drawings and not tables:
         return None
@@ -224,7 +224,7 @@ def shown_of(
 def elsewhere(
     context: Context, anchor: str, more: Sequence[Family] = ()
 ) -> tuple[str, ...]:
-    """Statistics of a section's studies that nothing of theirs, nor `more`, shows."""
+    """Name the statistics of a section's studies that are not shown in it."""
     names: dict[str, None] = {}
     for name, study in STUDIES.items():
         if study.section != anchor:
@@ -241,7 +241,7 @@ def elsewhere(
 
 
 def _wanted(shown: Shown) -> list[Family | Statistic]:
-    """Families and statistics that something shows."""
+    """Families and statistics that some figure or table shows."""
     if isinstance(shown, Artifact):
         return [*shown.about]
     if isinstance(shown, Listing):
@@ -320,7 +320,7 @@ FIGURES = (
 
 
 def statistics_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on statistics over time and trials."""
     drawings: list[Drawing] = []
     for figure in FIGURES:
         (family,) = figure.rows
@@ -353,7 +353,7 @@ def statistics_section(context: Context) -> Section | None:
 
 
 def _kinds(cell: CellResult, family: Family) -> dict[str, list[Row]]:
-    """Rows of a family, without control variates, by their predictor."""
+    """Rows of a family, without control variates, by theory."""
     kinds: dict[str, list[Row]] = {}
     for row in cell.rows:
         if row.statistic.family == family and not row.statistic.controlled:
@@ -362,7 +362,7 @@ def _kinds(cell: CellResult, family: Family) -> dict[str, list[Row]]:
 
 
 def _pooled(cells: list[CellResult], family: Family) -> dict[str, list[CellResult]]:
-    """The cells with their rows of a family, or of many their mean, below a title."""
+    """Rows of a family, or their mean if they are many, under a title."""
     study = spelled(cells[0].study)
     found = [_kinds(cell, family) for cell in cells]
     if all(sum(map(len, kinds.values())) <= MAX_KINDS for kinds in found):
@@ -377,7 +377,7 @@ def _with(cells: list[CellResult], rows: list[list[Row]]) -> list[CellResult]:
 
 
 def _mean(rows: list[Row]) -> Row:
-    """Mean of statistics of a cell; its error is at most the mean error."""
+    """Mean of some statistics of a cell, with an upper bound on its error."""
     numbers = [
         (r.value, r.standard_error, np.nan if r.prediction is None else r.prediction,
          r.remainder)
@@ -403,7 +403,7 @@ MAX_NUMBERS = 40
 
 
 def other_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the section on studies that declare none."""
     studies = dict.fromkeys(cell.study for cell in context.run.cells)
     parts = [
         (
@@ -429,7 +429,7 @@ def _has_section(study: str) -> bool:
 def _shown(
     context: Context, study: str, cells: Sequence[CellResult]
 ) -> tuple[list[Drawing], list[Table]]:
-    """What a study declares, or a figure of its statistics; and all its numbers."""
+    """What a study declares, or figures of its statistics; and all its numbers."""
     known = study in STUDIES and STUDIES[study].shown
     drawings, tables = shown_of(context, "other", [study]) if known else ([], [])
     if not known:
@@ -438,7 +438,7 @@ def _shown(
 
 
 def _drawings(study: str, cells: Sequence[CellResult]) -> list[Drawing]:
-    """Each statistic with a prediction, or each of all, along what varies."""
+    """Figures of each statistic that has a prediction, or else of each."""
     known = {
         row.statistic: row.prediction is not None
         for cell in cells
@@ -471,7 +471,7 @@ def _drawings(study: str, cells: Sequence[CellResult]) -> list[Drawing]:
 
 
 def numbers(study: str, cells: Sequence[CellResult]) -> Table:
-    """Every row of a study, with the parameters that vary."""
+    """Table of every row of a study, with the parameters that vary."""
     keys = varying(cells)
     rows = [
         (*(cell.parameters.get(key) for key in keys), *numbers_of(row))

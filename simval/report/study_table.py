@@ -1,4 +1,4 @@
-"""The table of studies: what each answers, its number, and its closest check."""
+"""Table of studies: the answer of each, its number, and its closest check."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from simval.verdict import Verdict, worst
 def study_lines(
     context: Context, sections: Sequence[Section], groups: Mapping[str, Sequence[str]]
 ) -> list[tuple[str, list[Line]]]:
-    """A line for each study and section of studies, under the headings of the page."""
+    """A line for each study or section, under the headings of the page."""
     told, of = readings(context), dict[str, list[Verdict]]()
     for verdict in context.verdicts:
         of.setdefault(verdict.cell.study, []).append(verdict)
@@ -50,7 +50,7 @@ def _lines(
     told: Mapping[str, tuple[CellResult, Reading]],
     of: Mapping[str, Sequence[Verdict]],
 ) -> list[Line]:
-    """Lines of a section: its studies, its algorithms, or what else it shows."""
+    """Lines of a section: its studies, its algorithms, or whatever it shows."""
     if studies and section.anchor == "algorithms":
         return lines_of_algorithms(context)
     shown = studies or [""] * _is_shown(section, context)
@@ -58,7 +58,7 @@ def _lines(
 
 
 def _only(section: Section, study: str, studies: Sequence[str]) -> Section:
-    """The section, but for its first study without its words and figures."""
+    """A section for one of its studies; all but the first get it without figures."""
     if study in ("", *studies[:1]) and section.anchor != WITHOUT_SECTION:
         return section
     return replace(section, title=_title(study), drawings=())
@@ -69,7 +69,7 @@ def _title(study: str) -> str:
 
 
 def _is_shown(section: Section, context: Context) -> bool:
-    """True of a section of figures whose studies have sections of their own."""
+    """True for a section of figures whose studies have sections of their own."""
     return any(
         each.section == section.anchor and context.cells(name)
         for name, study in STUDIES.items()
@@ -83,7 +83,7 @@ def _line(
     told: Mapping[str, tuple[CellResult, Reading]],
     of: Mapping[str, Sequence[Verdict]],
 ) -> Line:
-    """What a study answers, in the words of a section's first figure."""
+    """Line of a study, with the words of its section's first figure."""
     verdicts = of.get(study, ())
     drawings = [each for each in section.drawings if each.finding]
     differ = [
@@ -107,13 +107,13 @@ def _line(
 
 
 def brief(finding: str) -> str:
-    """The first sentence of a finding, without which value is farthest off."""
+    """First sentence of a finding, without the value that is farthest off."""
     first = re.split(r"(?<=[a-z0-9%)]\.) (?=[A-Z])", finding)[0]
     return re.sub(r" \(most: [^()]*\)", "", first)
 
 
 def _lost(context: Context, study: str) -> Line:
-    """A study without a result."""
+    """Line of a study without a result."""
     endings = dict.fromkeys(c.ending for c in context.run.cells if c.study == study)
     words = {"pending": "never run", "done": "without numbers", "pass": "not shown"}
     why_not = ", ".join(words.get(each, each) for each in endings)

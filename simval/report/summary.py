@@ -1,4 +1,4 @@
-"""The first screen: the verdict as a sentence, key numbers, figures, and why it fails.
+"""First screen: the verdict with its number, key numbers, figures, why it fails.
 
 **Key numbers** are those that the studies name in their headlines, each in one chosen
 cell: that of the middle noise level (of two middle ones the smaller) and the most
@@ -27,7 +27,7 @@ from simval.figures import Figure, Headline, Quote
 from simval.judge import needs
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.gate import outcome
-from simval.judge.needs import replies_to
+from simval.judge.needs import distance, headline_rows, replies_to
 from simval.judge.result_lines import gate_account
 from simval.judge.runs import origin_of
 from simval.judge.settings import setting_words, varying
@@ -53,21 +53,7 @@ from simval.report.study_sections import shown_of
 from simval.report.table import Column
 from simval.results import Row
 from simval.spelling import counted, rounded, whole
-from simval.statistics import (
-    APART,
-    COVARIANCE_ORDER,
-    COVERAGE,
-    LEADING_ERROR_RATIO,
-    LIMIT_RATIO,
-    REST_FORCE,
-    RMS,
-    RMS_OVER_BOUND,
-    RMS_RATIO,
-    SCALE_BIAS,
-    SQUARED_ERROR,
-    VARIANCE_OVER_BOUND,
-    Family,
-)
+from simval.statistics import Family
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
 from simval.units import COUNT
@@ -76,7 +62,7 @@ from simval.units import COUNT
 
 
 class Reading(NamedTuple):
-    """What a cell says, and the rank of its error among the cells of its study."""
+    """What a cell says, and how its error ranks among the cells of its study."""
 
     said: str
     numbers: Sequence[Number]
@@ -86,7 +72,7 @@ class Reading(NamedTuple):
 
 
 def of_headline(headline: Headline, cell: CellResult) -> Reading | None:
-    """What a cell says by the headline of its study; None without all of its rows."""
+    """What a cell says by its study's headline; None if a row is missing."""
     rows = {name: cell.row(q.of, q.by) for name, q in headline.quotes.items()}
     found = {name: row for name, row in rows.items() if row is not None}
     numbers = {
@@ -110,7 +96,7 @@ def of_headline(headline: Headline, cell: CellResult) -> Reading | None:
 
 
 def _quoted(name: str, quote: Quote, study: str, row: Row) -> Number | None:
-    """The number of a headline; None without one."""
+    """A number of a headline; None if its row is missing."""
     over, predicted = name == "over", row.prediction
     value, error = quote.times * row.value, quote.times * row.standard_error
     if quote.over:
@@ -128,25 +114,8 @@ def _quoted(name: str, quote: Quote, study: str, row: Row) -> Number | None:
     return number_of(label, value, error, unit.name, beside)
 
 
-ANY = (
-    RMS,
-    RMS_OVER_BOUND,
-    RMS_RATIO,
-    COVERAGE,
-    SCALE_BIAS,
-    SQUARED_ERROR,
-    VARIANCE_OVER_BOUND,
-    LIMIT_RATIO,
-    COVARIANCE_ORDER,
-    LEADING_ERROR_RATIO,
-    REST_FORCE,
-    APART,
-)
-"""Statistics that represent a study without a headline: the first that it has."""
-
-
 def any_reading(cell: CellResult) -> Reading | None:
-    """Reading of a cell whose study has no headline."""
+    """What a cell says if its study has no headline."""
     rows = headline_rows(cell)[:MOST]
     if not rows:
         return None
@@ -157,26 +126,7 @@ def any_reading(cell: CellResult) -> Reading | None:
     ]
     first = numbers[0]
     said = "; ".join(filter(None, (f"{what[0]} {first.said}", first.beside)))
-    return Reading(said, numbers, first, _distance(rows[0]), rows[0].n)
-
-
-def headline_rows(cell: CellResult) -> list[Row]:
-    """Rows, those that say most first: of each statistic the one farthest off."""
-    finite = [row for row in cell.rows if np.isfinite(row.value)]
-    found = []
-    for family in dict.fromkeys((*ANY, *(row.statistic.family for row in finite))):
-        rows = [row for row in finite if row.statistic.family == family]
-        judged = [row for row in rows if row.check != "record"]
-        if rows:
-            found.append(max(judged or rows, key=_distance))
-    return [*found, *(row for row in finite if row not in found)]
-
-
-def _distance(row: Row) -> float:
-    """How far a value is from its prediction, or from nothing."""
-    if row.prediction is None or not np.isfinite(row.prediction):
-        return abs(row.value)
-    return abs(row.value - row.prediction) / (abs(row.prediction) or 1.0)
+    return Reading(said, numbers, first, distance(rows[0]), rows[0].n)
 
 
 # ---- the cell that is told
@@ -201,7 +151,7 @@ ALGORITHM = ("estimator", "residual", "estimate", "sigma", "trim")
 def chosen(
     study: str, cells: Sequence[CellResult]
 ) -> tuple[CellResult, Reading] | None:
-    """The cell that represents a study, and its message."""
+    """The cell that stands for a study, and what it says."""
     own = STUDIES[study].headline if study in STUDIES else None
     readings = [
         (cell, reading)
@@ -213,7 +163,7 @@ def chosen(
 
 
 def typical(cells: Sequence[CellResult], *, poses: bool = True) -> Sequence[CellResult]:
-    """Cells of the middle noise, the first algorithm and, if asked, the most poses."""
+    """Cells of medium noise, with the first algorithm and, if asked, the most poses."""
     for key in MIDDLE:
         levels = sorted({v for cell in cells if (v := cell.parameters.get(key))})
         if levels:
@@ -229,7 +179,7 @@ def typical(cells: Sequence[CellResult], *, poses: bool = True) -> Sequence[Cell
 
 
 def where(cell: CellResult, cells: Sequence[CellResult], n: int) -> str:
-    """Text that identifies a cell in its study."""
+    """Words that identify a cell within its study."""
     values = cell.parameters
     skipped = ("samples", "trials")
     shown = [key for key in (*NOISES, "poses") if values.get(key)]
@@ -247,7 +197,7 @@ LITTLE = 3.0
 
 
 def axes_of_question(cells: Sequence[CellResult]) -> tuple[str, ...]:
-    """Parameters that a run is about, that of the figure's axis first; none if none."""
+    """Parameters that the run's question is about, the figure's axis first."""
     if len({cell.study for cell in cells}) != 1:
         return ()
     keys = [key for key in varying(cells) if key not in (*EFFORT, *NOISES)]
@@ -263,7 +213,7 @@ def axes_of_question(cells: Sequence[CellResult]) -> tuple[str, ...]:
 
 
 def question_figure(context: Context) -> Drawing | None:
-    """The error over the parameters that the suite asks about."""
+    """Plot the error along the parameters that the suite asks about."""
     axes = axes_of_question(context.run.cells)
     cells: Sequence[CellResult] = [cell for cell in context.run.cells if cell.rows]
     if not axes or not cells:
@@ -317,7 +267,7 @@ def question_figure(context: Context) -> Drawing | None:
 
 
 def _of_any(cells: Sequence[CellResult]) -> Figure | None:
-    """The statistic that represents a study."""
+    """The statistic that stands for a study."""
     row = next((row for cell in cells for row in headline_rows(cell)), None)
     if row is None:
         return None
@@ -329,14 +279,14 @@ def _of_any(cells: Sequence[CellResult]) -> Figure | None:
 
 
 def _subject(figure: Figure) -> str:
-    """What the question is about: an error, or whatever is no better if it is less."""
+    """Name of what is better when it is less, such as an error."""
     row = figure.rows[0]
     family = row if isinstance(row, Family) else row.family
     return "error" if family.better in ("less", "zero") else family.words
 
 
 def _ends(panel: Panel, value: str) -> str:
-    """From where to where the first and the last line of a panel go."""
+    """Say from where to where the first and the last line of a panel go."""
     unit = panel.y_label.removeprefix(value).lstrip(", ")
     measured = [series for series in panel.series if not series.line]
     lines = dict.fromkeys((measured[0], measured[-1]))
@@ -356,7 +306,7 @@ OF_FIRST = 3
 
 
 def readings(context: Context) -> dict[str, tuple[CellResult, Reading]]:
-    """What each study says, by the cell that stands for it, in order."""
+    """What each study says, by the cell that stands for it."""
     studies = in_order([cell.study for cell in context.run.cells])
     found = {study: chosen(study, context.cells(study)) for study in studies}
     return {study: each for study, each in found.items() if each is not None}
@@ -398,7 +348,7 @@ EXPLAINED = {
 
 
 def summary_section(context: Context) -> Section | None:
-    """Make the section."""
+    """Make the first screen."""
     judged = context.judged
     told = readings(context)
     numbers, settings = key_numbers(context, told)
@@ -441,7 +391,7 @@ def summary_section(context: Context) -> Section | None:
 
 
 def _rate(sampled: int, total: int, alpha: float) -> str:
-    """Which checks share the false-alarm rate."""
+    """Say which checks share the false-alarm rate."""
     if not total:
         return ""
     rate = f"the false-alarm rate of {alpha:g} for all together"
@@ -456,7 +406,7 @@ def _rate(sampled: int, total: int, alpha: float) -> str:
 
 
 def source_line(context: Context) -> list[str]:
-    """Where a page comes from: suite, date, size and seeds."""
+    """Say where a page comes from: suite, date, size and seeds."""
     run, part, origin = context.run, context.part, origin_of(context.run)
     seeds = [str(seed) for seed in run.manifest["grid"]["seed"]]
     trials = sum(map(_samples, run.cells))
@@ -476,28 +426,28 @@ def source_line(context: Context) -> list[str]:
 
 
 def _samples(cell: CellResult) -> int:
-    """Trials of a cell; each may draw many numbers, which rows of noise count."""
+    """Number of trials of a cell."""
     stated = [cell.parameters.get(key) for key in ("trials", "samples")]
     most = max((row.n for row in cell.rows), default=0)
     return next((n for n in stated if isinstance(n, int)), most) if most else 0
 
 
 def figures(context: Context) -> list[Drawing]:
-    """The figures that say most of the package's own algorithms."""
+    """The most important figures of the package's own algorithms."""
     asked = question_figure(context)
     # a noise axis with one level is no figure beside it
     return shown_of(context, "summary")[0] if asked is None else [asked]
 
 
 def first_figures(context: Context) -> list[Drawing]:
-    """Figures of the first screen: of what fails, else of the package's algorithms."""
+    """Figures of the first screen: of what fails, else of built-in algorithms."""
     return failing_figures(context)[:FIRST] or (
         [] if has_user_code(context.run) else figures(context)
     )
 
 
 def overview_section(context: Context) -> Section | None:
-    """The package's own figures, where others are on the first screen."""
+    """The package's own figures, if others are on the first screen."""
     drawings = figures(context)
     names = {drawing.name for drawing in first_figures(context)}
     if not drawings or names & {drawing.name for drawing in drawings}:

@@ -1,4 +1,4 @@
-"""A table as data: written to the page by a template and to CSV by `csv_text`."""
+"""A table as data, for the page and for CSV."""
 
 import csv
 import io
@@ -49,7 +49,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Rows under columns."""
+    """A table: columns and rows."""
 
     name: str  # unique on the page; its file name; a slug
     caption: str  # what it holds
@@ -64,7 +64,7 @@ class Table:
 
     @property
     def filled(self) -> Sequence[int]:
-        """Places of the columns that the page shows: those with a value in some row."""
+        """Indices of the columns that have a value in some row."""
         if not self.rows:
             return range(len(self.columns))
         return [
@@ -82,7 +82,7 @@ class Table:
 def tabulated(
     items: Iterable[Any], fields: Mapping[Column, Callable[[Any], Any]], **words: Any
 ) -> Table:
-    """A table with a row for each item, and in each column what it says of it."""
+    """Make a table with a row for each item and a column for each field."""
     rows = [tuple(of(item) for of in fields.values()) for item in items]
     return Table(columns=tuple(fields), rows=rows, **words)
 
@@ -99,13 +99,13 @@ NUMBERS = (
 
 
 def numbers_of(row: Row) -> tuple[Any, ...]:
-    """Entries of the columns `NUMBERS`."""
+    """Entries of a row for the columns `NUMBERS`."""
     words = (str(row.statistic), row, row.unit)
     return (*words, row.n, row.prediction, row.predictor)
 
 
 def text(value: Any, column: Column) -> str:
-    """Spell a cell for a person."""
+    """Spell a cell for people."""
     if value is None:
         return ""
     value = _plain(value, column, shown=True)
@@ -119,7 +119,7 @@ def text(value: Any, column: Column) -> str:
 
 
 def sort_key(value: Any, column: Column) -> str:
-    """Value by which the page sorts a cell of a numeric column; none sorts last."""
+    """Number by which the page sorts a column; None sorts last."""
     if value is None or not column.numeric:
         return ""
     value = _plain(value, column)
@@ -129,7 +129,7 @@ def sort_key(value: Any, column: Column) -> str:
 
 
 def csv_text(table: Table) -> str:
-    """Write all rows as CSV, floats exact.
+    """Write all rows as CSV, with exact floats.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def csv_text(table: Table) -> str:
 
 
 def _plain(value: Any, column: Column, *, shown: bool = False) -> Any:
-    """The number of a row, with its error where it is measured, or another value."""
+    """The number in a cell, with its error if it was measured, or another value."""
     if not isinstance(value, Row):
         return value
     found = value.shown if shown else value.value

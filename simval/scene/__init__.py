@@ -1,4 +1,4 @@
-"""Simulated trajectories: MuJoCo scenes, and checks that their data is consistent."""
+"""Simulated motions: MuJoCo scenes, with checks that their data is consistent."""
 
 from simval.scene.cache import simulate_cached
 from simval.scene.catalogue import find_scene, scenes

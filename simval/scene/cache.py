@@ -37,7 +37,7 @@ def cache_folder() -> Path:
 
 
 def simulate_cached(scene: str | Scene = "gimbal", **parameters: Any) -> Trajectory:
-    """Simulate a scene as `simulate`, cached on disk.
+    """Simulate a scene, or read the same simulation from disk.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def simulate_cached(scene: str | Scene = "gimbal", **parameters: Any) -> Traject
 
 
 def content_key(plan: Plan) -> str:
-    """Hash of everything that a trajectory's bits depend on."""
+    """Hash of everything that a trajectory depends on."""
     digest = hashlib.sha256()
     provenance = json.dumps(plan.provenance, sort_keys=True, default=_exact)
     versions = f"numpy {np.__version__} {platform.machine()} {platform.system()}"

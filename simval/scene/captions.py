@@ -1,4 +1,4 @@
-"""Captions of a picture: names of its arrows, the time, the directions visited.
+"""Captions of a picture: names of arrows, the time, and a sphere of directions.
 
 Sizes are for a picture 720 pixels high and follow its height. The directions are on a
 sphere, an inset in sensor axes, seen from a fixed side: the body turns and the sphere
@@ -33,7 +33,7 @@ INK, PALE, LINE, DISC = "#1c1c1e", "#a3a7ae", "#c9ccd1", "#f2f3f5"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Directions:
-    """Directions of the specific force in sensor axes."""
+    """Directions of the specific force, sensor axes."""
 
     rests: Float[Array, "m 3"]  # unit, of each rest, in order
     visited: Mask  # rests that have begun
@@ -41,7 +41,7 @@ class Directions:
 
 
 def draw_globe(draw: Any, directions: Directions, scale: float) -> None:
-    """Draw the sphere on a square of `EDGE`, `scale` pixels for one."""
+    """Draw the sphere of directions on a square."""
     middle, radius = EDGE * scale / 2.0, RADIUS * scale
     disc = [middle - radius, middle - radius, middle + radius, middle + radius]
     draw.ellipse(disc, fill=DISC, outline=LINE, width=round(scale))
@@ -58,7 +58,7 @@ def draw_globe(draw: Any, directions: Directions, scale: float) -> None:
 
 
 def seen(points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
-    """Points as they are seen: to the right, up, and towards the eye."""
+    """Points as seen by the viewer: right, up, and towards the eye."""
     near = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
     right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
     up = np.array([0.0, 0.0, np.cos(ELEVATION)]) - np.sin(ELEVATION) * near
@@ -67,7 +67,7 @@ def seen(points: Float[Array, "m 3"]) -> Float[Array, "m 3"]:
 
 
 def placed(points: Float[Array, "m 3"], scale: float) -> Float[Array, "m 2"]:
-    """Pixels (right, down) of points of the unit sphere in its square."""
+    """Pixels (right, down) of points on the unit sphere."""
     at = seen(points)[:, :2] * [1.0, -1.0]
     return scale * (EDGE / 2.0 + RADIUS * at)
 
@@ -114,7 +114,7 @@ Words = list[tuple[str, str]]  # and their colours
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Caption:
-    """Text of a frame."""
+    """Text of one frame."""
 
     title: str  # of the scene
     time: float  # s
@@ -123,7 +123,7 @@ class Caption:
 
 
 def pillow() -> ModuleType:
-    """Pillow's module of images, or the advice to install it."""
+    """Import Pillow, or say how to install it."""
     try:
         from PIL import Image
     except ImportError:
@@ -134,7 +134,7 @@ def pillow() -> ModuleType:
 
 
 def captioned(frame: Frame, caption: Caption) -> Pixels:
-    """A frame with its letters, its time and the sphere of its directions."""
+    """A frame with its captions."""
     board = _Board(pillow().fromarray(frame.pixels), frame.pixels.shape[0] / HEIGHT)
     start, *tips = frame.places
     for letter, tip, colour in zip("xyzf", tips, (*AXES, FORCE), strict=True):
@@ -147,7 +147,7 @@ def captioned(frame: Frame, caption: Caption) -> Pixels:
 
 
 class _Board:
-    """A picture, and what is written on it at a scale."""
+    """A picture that is being captioned, at some scale."""
 
     def __init__(self, picture: Any, scale: float) -> None:
         from PIL import ImageDraw
@@ -158,7 +158,7 @@ class _Board:
     def name_arrow(
         self, start: Float[Array, "2"], tip: Float[Array, "2"], letter: str, colour: str
     ) -> None:
-        """Trace an arrow through what hides it, and write its letter at its tip."""
+        """Draw an arrow, even where something hides it, with a letter at its tip."""
         self._line(start, tip, colour)
         along = (tip - start) / np.linalg.norm(tip - start)
         room = 0.7 * LETTER * self.scale
@@ -170,7 +170,7 @@ class _Board:
         self._letter(at, letter, colour)
 
     def title(self, caption: Caption) -> None:
-        """Name the scene, the time and the arrows on a card."""
+        """Write the scene's name, the time and the arrows' names on a card."""
         felt = f"specific force {np.linalg.norm(caption.force):.2f} m/s"
         axes = [*zip("xyz", AXES, strict=True), ("axes of the sensor", INK)]
         lines = [
@@ -192,7 +192,7 @@ class _Board:
         self.draw.text((end, top), "2", INK, font=font, anchor="la")
 
     def globe(self, directions: Directions) -> None:
-        """Draw the sphere of directions on a card, in the corner below on the right."""
+        """Draw the sphere of directions on a card, bottom right."""
         from PIL import Image, ImageChops, ImageDraw
 
         s, (width, height) = self.scale, self.picture.size

@@ -1,4 +1,4 @@
-"""The scenes by name: those of the package, and user-supplied ones.
+"""The scenes by name, built-in ones and users'.
 
 A user's scene is an MJCF file and a Python file that holds one `Scene`::
 
@@ -62,7 +62,7 @@ _LISTED: tuple[tuple[str, Callable[..., Script], Mapping[str, float], str], ...]
 
 
 def scenes() -> dict[str, Scene]:
-    """Every scene that comes with the package.
+    """All scenes that come with the package.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def scenes() -> dict[str, Scene]:
 
 
 def find_scene(name: str | Scene) -> Scene:
-    """Scene of a name, of an installed package, or of a user's file.
+    """Find a scene by name: built-in, of an installed package, or in a user's file.
 
     Parameters
     ----------

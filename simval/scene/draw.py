@@ -1,4 +1,4 @@
-"""The child process that draws frames: a graphics failure does not end the caller.
+"""Program that draws frames in a child process, where a graphics crash does no harm.
 
 It reads ``job.npz`` in a folder (positions and specific force of each frame) and
 ``model.mjb``, and writes each frame to its output as soon as it is drawn: where the
@@ -39,14 +39,14 @@ Pixels = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frame:
-    """One picture as the graphics library drew it."""
+    """One picture, as the graphics library drew it."""
 
     pixels: Pixels  # (height, width, 3)
     places: Float[Array, "5 2"]  # of sensor, x, y, z and specific force: right, down
 
 
 def body_reach(model: "mujoco.MjModel") -> float:
-    """Distance of the body's farthest point from the sensor, at most, m."""
+    """Upper bound on the distance of the body's farthest point from the sensor, m."""
     site = model.site(SITE)
     own = np.flatnonzero(model.geom_bodyid == site.bodyid[0])
     ends = np.linalg.norm(model.geom_pos[own] - site.pos, axis=1)
@@ -70,7 +70,7 @@ def _own_colour(model: "mujoco.MjModel", geom: int) -> Float[Array, "4"]:
 def arrow_tips(
     data: "mujoco.MjData", force: Float[Array, "3"], g: float, reach: float
 ) -> Float[Array, "4 3"]:
-    """Tips of the axes x, y, z and of the specific force (sensor axes), world, m."""
+    """Tips of the sensor's axes and of the specific force, world, m."""
     site = data.site(SITE)
     R_ws = site.xmat.reshape(3, 3)
     size = float(np.linalg.norm(force)) / g
@@ -85,7 +85,7 @@ def add_arrows(
     tips: Float[Array, "4 3"],
     reach: float,
 ) -> None:
-    """Add arrows from the sensor to their tips to a scene that is about to be drawn."""
+    """Add arrows from the sensor to their tips to a scene about to be drawn."""
     for tip, colour in zip(tips, (*AXES, FORCE), strict=True):
         if not np.linalg.norm(tip - start) > SHAFT * reach:
             continue  # nothing is felt in free fall
@@ -106,7 +106,7 @@ def add_arrows(
 def projected(
     scene: "mujoco.MjvScene", points: Float[Array, "m 3"], width: int, height: int
 ) -> Float[Array, "m 2"]:
-    """Pixels (right, down) of points of the world; NaN behind the camera."""
+    """Pixels (right, down) of points in the world; NaN behind the camera."""
     eyes = scene.camera
     position = (eyes[0].pos + eyes[1].pos) / 2.0
     forward = np.asarray(eyes[0].forward, float)
@@ -150,7 +150,7 @@ def draw(folder: Path, output: BinaryIO) -> None:
 
 
 def main() -> None:
-    """Draw the job of the folder that the command line names."""
+    """Draw the job in the folder that the command line names."""
     # a library that prints must not write into the pictures
     own = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

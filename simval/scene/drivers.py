@@ -1,4 +1,4 @@
-r"""Drivers of the scenes: they move the body, and state where it should rest.
+r"""Drivers of scenes: they move the body, and say when it should rest.
 
 A motor or a hand moves it (gimbal, shaker, handheld), contacts decide where it comes to
 rest (die, cube), or nothing holds it: it spins, and never rests (pivot, freefall).
@@ -33,13 +33,13 @@ MOST_ROWS = 10_000_000  # 1.1 GB of sensor data
 
 
 def minimum_jerk(t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Position on a minimum-jerk motion, eq. (M1)."""
+    """Position along a minimum-jerk motion, eq. (M1)."""
     t = np.clip(t, 0.0, 1.0)
     return t * t * t * (10.0 + t * (6.0 * t - 15.0))
 
 
 def steps(seconds: float, timestep: float, name: str) -> int:
-    """Number of steps in a duration, of a day at most."""
+    """Number of steps in a duration of a day at most."""
     if not 0.0 <= seconds <= 86_400.0:
         msg = f"`{name}` is {seconds} s; it must be from 0 s to a day"
         raise InputError(msg)
@@ -47,7 +47,7 @@ def steps(seconds: float, timestep: float, name: str) -> int:
 
 
 def require_rows(count: int) -> None:
-    """Refuse a run of more than `MOST_ROWS`, which would not fit into memory."""
+    """Refuse a run with more rows than fit into memory."""
     if not count <= MOST_ROWS:
         msg = (
             f"the run would have {count} rows, and at most {MOST_ROWS} fit into "
@@ -59,7 +59,7 @@ def require_rows(count: int) -> None:
 def visit(
     poses: Float[Array, "k m"], first: int, move: int, settle: int, hold: int
 ) -> tuple[Float[Array, "n m"], Places]:
-    """Targets that visit poses one after the other, and the planned rests."""
+    """Targets that visit poses one after another, and the planned rests."""
     poses = np.asarray(poses)
     require_rows(first + (len(poses) - 1) * (move + settle + hold))
     after = minimum_jerk(np.arange(1, move + settle + hold + 1) / max(move, 1))
@@ -76,7 +76,7 @@ GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def pose_directions(poses: object) -> Float[Array, "k 3"]:
-    """Unit directions of the specific force: given ones, or a number of them."""
+    """Unit directions of the specific force, given or spread evenly."""
     if isinstance(poses, int | float | np.number):
         return fibonacci_sphere(whole_number("poses", poses, 1, MOST_POSES))
     given = normalize(finite_array("poses", poses, (None, 3)))
@@ -87,7 +87,7 @@ def pose_directions(poses: object) -> Float[Array, "k 3"]:
 
 
 def gimbal_angles(directions: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
-    r"""Yaw, pitch and roll that put a direction along the world's vertical.
+    r"""Yaw, pitch and roll that turn a direction to the world's vertical.
 
     With :math:`R_{wb} = R_z(\psi) R_y(\theta) R_x(\phi)` the vertical has the body
     coordinates :math:`[-\sin\theta, \sin\phi\cos\theta, \cos\phi\cos\theta]`. Yaw is
@@ -108,7 +108,7 @@ def tour(
     settle_time: float,
     hold_time: float,
 ) -> tuple[Array, Places]:
-    """Gimbal angles of a tour of poses, and its planned rests."""
+    """Gimbal angles of a tour through poses, and its planned rests."""
     return visit(
         gimbal_angles(pose_directions(poses)),
         steps(first_hold, timestep, "first_hold"),
@@ -274,7 +274,7 @@ def drive_handheld(
 def tremor(
     count: int, timestep: float, amplitude: float, rng: np.random.Generator
 ) -> Float[Array, "count 3"]:
-    """Band-limited tremor of three axes."""
+    """Band-limited random tremor of three axes."""
     frequency = rng.uniform(*TREMOR_BAND, (SINES, 3))
     phase = rng.uniform(0.0, 2.0 * np.pi, (SINES, 3))
     time = timestep * np.arange(count)[:, None, None]

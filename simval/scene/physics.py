@@ -1,4 +1,4 @@
-"""The physics: model files and scripts in, unchecked rows out.
+r"""The physics: from model files and scripts to rows that are not yet checked.
 
 MuJoCo is imported when its physics is first used, so that what simulates nothing starts
 without it, and whatever `MUJOCO_GL` says. It ends its own import where that variable
@@ -16,6 +16,18 @@ All runs of one call are stepped together by MuJoCo's batch. Truth is taken from
 sensors only: after a step, MuJoCo's sensor data still describe the state before it, and
 the clock sensor with them, so a row of sensor data is of one instant, while a row of
 sensor data beside a position would not be.
+
+Where positions are wanted, too, readings have to lead from one to the next, which the
+sensors' do to the first order of the step h only. With M the inertia and D the damping
+that an integrator treats implicitly, a step from the state :math:`q_k, v_k` is
+
+.. math:: v_{k+1} = v_k + h\,(M + h D)^{-1} M a_k, \qquad
+   q_{k+1} = q_k \oplus h\, v_{k+1}; \tag{P1}
+
+the sensors read :math:`a_k` and :math:`v_k`, and the path has, to the second order,
+
+.. math:: \bar a_k = (v_{k+1} - v_k)/h, \qquad
+   \bar v_k = (v_k + v_{k+1})/2. \tag{P2}
 """
 
 import hashlib
@@ -46,7 +58,7 @@ RENDERER = "MUJOCO_GL"
 
 @cache
 def _imported() -> Any:
-    """MuJoCo, without a graphics library where the one that is asked for is not."""
+    """Import MuJoCo, without graphics if the library asked for is missing."""
     try:
         import mujoco
     except Exception:  # whatever a graphics library raises that is half there
@@ -61,7 +73,7 @@ def _imported() -> Any:
 
 
 class _Mujoco:
-    """MuJoCo, imported at the first look into it."""
+    """Stand-in for MuJoCo that imports it on first use."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(_imported(), name)
@@ -95,7 +107,7 @@ INTEGRATORS = get_args(Integrator)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Physics:
-    """A compiled model and the hash of its file."""
+    """A compiled model, with the hash of its file."""
 
     model: "mujoco.MjModel"  # checked: every sensor is there, no option spoils the data
     sha256: str  # of the model file, hexadecimal
@@ -118,7 +130,7 @@ def model_path(name: str) -> Path:
 
 
 def models_folder() -> Path:
-    """Folder of the model files that come with the package.
+    """Folder of the models that come with the package.
 
     Returns
     -------
@@ -136,7 +148,7 @@ def load_model(
     timestep: float | None = None,
     integrator: Integrator | None = None,
 ) -> Physics:
-    """Compile a model file, with parameters set in memory, and check it."""
+    """Compile a model file, with some parameters set in memory, and check it."""
     try:
         content = read_bytes(path, MOST_MODEL)
     except OSError as error:
@@ -174,7 +186,7 @@ def _integrator(name: str) -> "mujoco.mjtIntegrator":
 
 
 def check_model(model: "mujoco.MjModel", path: str) -> None:
-    """Refuse a model whose data would silently be wrong; say what to write instead."""
+    """Refuse a model whose data would be wrong; say what to write instead."""
     faults = [*_option_faults(model), *_flag_faults(model), *_sensor_faults(model)]
     if faults:
         msg = f"the model file {path} cannot be used: " + "; ".join(faults)
@@ -245,7 +257,7 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
 class Rollout(NamedTuple):
-    """Runs as they came out of the physics, not yet checked."""
+    """Runs from the physics, not yet checked."""
 
     # accelerometer, gyro, magnetometer, attitude as MuJoCo has it (sensor to world,
     # scalar first) and clock
@@ -257,6 +269,8 @@ class Rollout(NamedTuple):
     messages: list[str]  # of MuJoCo
     # generalised positions at the instants of the rows, (runs, n, nq), if asked for
     qpos: Float[Array, "runs n nq"] | None
+    # velocities at these and after the last step, (runs, n + 1, nv), with the positions
+    qvel: Float[Array, "runs n+1 nv"] | None
 
 
 def roll_out(
@@ -266,8 +280,8 @@ def roll_out(
     *,
     positions: bool = False,
 ) -> Rollout:
-    """Run scripts of one length together."""
-    recorded = ("sensordata", *["qpos"] * positions)
+    """Run scripts of equal length together."""
+    recorded = ("sensordata", *(("qpos", "qvel") if positions else ()))
     with captured_messages() as messages:
         batch, out = _batch(model, scripts, recorded, threads)
         warnings = np.array(batch.warning, dtype=np.int64)
@@ -277,18 +291,20 @@ def roll_out(
         float(np.max(path_length(model, script, end[None])))
         for script, end in zip(scripts, ends, strict=True)
     ]
-    qpos = None
+    qpos = qvel = None
     if positions:
         # sensor data are of the state before their step, so row 0 is of the start
-        starts = [model.qpos0 if s.qpos is None else s.qpos for s in scripts]
-        qpos = np.concatenate([np.array(starts)[:, None], out["qpos"][:, :-1]], axis=1)
-    return Rollout(rows, warnings, np.array(travel), messages, qpos)
+        first = [model.qpos0 if s.qpos is None else s.qpos for s in scripts]
+        qpos = np.concatenate([np.array(first)[:, None], out["qpos"][:, :-1]], axis=1)
+        begun = [np.zeros(model.nv) if s.qvel is None else s.qvel for s in scripts]
+        qvel = np.concatenate([np.array(begun)[:, None], out["qvel"]], axis=1)
+    return Rollout(rows, warnings, np.array(travel), messages, qpos, qvel)
 
 
 def path_length(
     model: "mujoco.MjModel", script: Script, qpos: Float[Array, "m nq"]
 ) -> Float[Array, " m"]:
-    """Distance of the sensor from where it begins, for some positions."""
+    """Distance of the sensor from its start, for some positions."""
     start = model.qpos0 if script.qpos is None else script.qpos
     places = sensor_places(model, [start, *qpos])
     return np.linalg.norm(places[1:] - places[0], axis=1)
@@ -297,7 +313,7 @@ def path_length(
 def sensor_places(
     model: "mujoco.MjModel", qpos: Sequence[Float[Array, " nq"]]
 ) -> Float[Array, "m 3"]:
-    """Position of the sensor in the world, m, for some generalised positions."""
+    """Position of the sensor in the world, m, for generalised positions."""
     data = mujoco.MjData(model)
     places = np.empty((len(qpos), 3))
     for k, each in enumerate(qpos):
@@ -305,6 +321,33 @@ def sensor_places(
         mujoco.mj_kinematics(model, data)
         places[k] = data.site(SITE).xpos
     return places
+
+
+class PathRows(NamedTuple):
+    """What an ideal sensor reads along the path of a run, and where it is."""
+
+    specific_force: Float[Array, "n 3"]  # sensor axes, m/s^2
+    angular_velocity: Float[Array, "n 3"]  # sensor axes, rad/s
+    position: Float[Array, "n 3"]  # world axes, m
+
+
+def path_rows(model: "mujoco.MjModel", rollout: Rollout, number: int = 0) -> PathRows:
+    """Readings by (P2) of a run with positions; RK4's states are on the path as is."""
+    assert rollout.qpos is not None
+    assert rollout.qvel is not None
+    rows, q, v = (x[number] for x in (rollout.rows, rollout.qpos, rollout.qvel))
+    states = zip(
+        q, (v[1:] + v[:-1]) / 2.0, np.diff(v, axis=0) / model.opt.timestep, strict=True
+    )
+    data, places = mujoco.MjData(model), np.empty((len(rows), 3))
+    own = np.empty((1, len(rows), model.nsensordata))
+    with captured_messages():  # the run has shown them
+        for k, (data.qpos[:], data.qvel[:], data.qacc[:]) in enumerate(states):
+            mujoco.mj_inverse(model, data)  # the sensors of a given acceleration
+            own[0, k], places[k] = data.sensordata, data.site(SITE).xpos
+    if model.opt.integrator != _integrator("RK4"):
+        rows = _in_order(model, own)[0]
+    return PathRows(rows[:, :3], rows[:, 3:6], places)
 
 
 def _in_order(
@@ -332,7 +375,7 @@ def _batch(
             if value is not None:
                 row[:] = _of_shape(name, value, row.shape)
     steps = len(scripts[0].hold)
-    width = {"sensordata": model.nsensordata, "qpos": model.nq}
+    width = {"sensordata": model.nsensordata, "qpos": model.nq, "qvel": model.nv}
     # arrays of numpy's own, in huge pages: MuJoCo's would cost 7 % in page faults
     out = {name: np.empty((len(scripts), steps, width[name])) for name in what}
     batch.rollout(steps, control, spec, record=what, out=dict(out))
@@ -368,7 +411,7 @@ def _controls(
 
 
 def bit_of(name: str) -> int:
-    """Bit of an input in MuJoCo's word of what a state holds."""
+    """Bit in MuJoCo's description of a state that stands for an input."""
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name.upper()}"))
 
 

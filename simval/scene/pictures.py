@@ -1,4 +1,4 @@
-"""Pictures and animations of a scene, drawn off-screen: PNG, GIF, MP4.
+"""Pictures and animations of a scene, drawn off screen as PNG, GIF or MP4.
 
 In each are the axes of the sensor, the specific force that it feels, the time, and the
 directions of the specific force in the rests, visited and to come, on a sphere in
@@ -45,11 +45,11 @@ INSTALL = (
 
 
 class _NoFrameError(Exception):
-    """The child process gave no frame; its words say why."""
+    """No frame came from the child process; the message says why."""
 
 
 def drawn_frames(model: "mujoco.MjModel", job: Mapping[str, Any]) -> Generator[Frame]:
-    """Draw the frames of a job by the first graphics library that works."""
+    """Draw the frames of a job with the first graphics library that works."""
     wanted = os.environ.get(RENDERER, "").strip()
     reasons = {}
     with tempfile.TemporaryDirectory(prefix="simval-draw-") as name:
@@ -81,7 +81,7 @@ class _Child:
     drawn: int = 0
 
     def frame(self, width: int, height: int) -> Frame:
-        """Next frame."""
+        """Read the next frame."""
         places = np.frombuffer(self._bytes(8 * PLACES[0] * PLACES[1]))
         pixels = np.frombuffer(self._bytes(3 * width * height), np.uint8)
         self.drawn += 1
@@ -133,14 +133,14 @@ COLOURS = 255  # of a GIF, one palette for all of its frames: no flicker
 
 
 def require_encoder(ending: str) -> None:
-    """Refuse an ending whose packages are not installed, before any drawing."""
+    """Refuse a file type whose packages are missing, before anything is drawn."""
     pillow()
     if ending == ".mp4":
         _imageio()
 
 
 def encoded(frames: Iterator[Pixels], ending: str) -> bytes:
-    """Encode the first frame as ``.png``, or all as ``.gif`` or ``.mp4``."""
+    """Encode the first frame as PNG, or all frames as GIF or MP4."""
     encoders = {
         ".png": _png,
         ".gif": _gif,
@@ -204,7 +204,7 @@ def render(
     height: int = 720,
     **parameters: Any,
 ) -> bytes:
-    """Draw a scene at one time, with its axes, its specific force and its poses.
+    """Draw a scene at one time, with its axes, specific force and poses.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def drawn(
     height: int = 720,
     rollout: Rollout | None = None,
 ) -> bytes:
-    """Draw a run at some times and encode it; the rollout has its positions."""
+    """Draw a run at some times, and encode the frames."""
     require_encoder(ending)
     with closing(_frames(plan, times, (width, height), rollout)) as frames:
         return encoded(frames, ending)
@@ -301,7 +301,7 @@ def _frames(
     size: tuple[int, int],
     rollout: Rollout | None,
 ) -> Generator[Pixels]:
-    """Draw a run at some times, one after the other."""
+    """Draw a run at some times, frame by frame."""
     model, script = plan.physics.model, plan.script
     limit = (int(model.vis.global_.offwidth), int(model.vis.global_.offheight))
     if not (0 < size[0] <= limit[0] and 0 < size[1] <= limit[1]):
@@ -354,7 +354,7 @@ def _captions(
 def _rests(
     rows: Float[Array, "n 14"], script: Script, g: float
 ) -> tuple[Places, Float[Array, "m 3"]]:
-    """First row of each rest that has settled, and its direction in sensor axes."""
+    """First row of each settled rest, and its direction in sensor axes."""
     moving, _, _ = moving_rows(rows, script, g)
     left = set(script.hold[moving].tolist())
     begin, means = [], []

@@ -1,4 +1,4 @@
-"""A trajectory of recorded poses: a smooth path with what an ideal sensor reads there.
+"""A smooth trajectory through recorded poses, and the ideal readings along it.
 
 The poses are those of the sensor. What the interpolation may be off by is the change by
 the degree of its splines (`simval.path`).
@@ -58,8 +58,13 @@ def recorded_trajectory(
     InputError
         If the file cannot be read, or the poses have a hole.
     """
-    truth = read_truth(str(path), columns=columns)
-    poses = poses_of(truth, read_positions(str(path), columns=columns), turns)
+    try:
+        truth = read_truth(str(path), columns=columns)
+        positions = read_positions(str(path), columns=columns)
+    except InputError as error:
+        msg = str(error).replace("--truth-", "--trajectory-")
+        raise InputError(msg) from None
+    poses = poses_of(truth, positions, turns)
     time = evened("time", poses.time - poses.time[0])
     step = np.diff(time)
     if step.max() > 10.0 * np.median(step):

@@ -27,8 +27,8 @@ from simval.scene.physics import (
     load_model,
     mujoco,
     path_length,
+    path_rows,
     roll_out,
-    sensor_places,
 )
 from simval.scene.script import Scene, Script
 from simval.scene.trajectory import Trajectory, attitude_from_mujoco
@@ -47,7 +47,7 @@ def check_run(
     force_limit: float,
     rate_limit: float,
 ) -> None:
-    """Refuse a run that fails a check, naming it, the first bad row and its time."""
+    """Refuse a run that fails a check, with the check and the first bad row."""
     clock = rows[:, 13]
     expected = timestep * np.arange(len(rows))
     regular = is_regular(clock, timestep)
@@ -81,7 +81,7 @@ def check_run(
 
 
 def is_regular(clock: Float[Array, " n"], timestep: float) -> Bool[Mask, " n"]:
-    """True where the time of a row is the sum of the steps before it."""
+    """Mask of rows whose time is the sum of the steps before."""
     steps = np.arange(len(clock))
     expected = timestep * steps
     # MuJoCo adds up steps: each addition is off by half a unit in the last place
@@ -92,7 +92,7 @@ def is_regular(clock: Float[Array, " n"], timestep: float) -> Bool[Mask, " n"]:
 def check_reach(
     scene: str, path: Float[Array, " n"], timestep: float, reach: float
 ) -> None:
-    """Raise an error where the body has left its scene.
+    """Refuse a run in which the body has left its scene.
 
     A die that slips through a wall falls for ever, and its data is regular, finite and
     within all limits.
@@ -113,7 +113,7 @@ def check_reach(
 def settled_rests(
     scene: str, rows: Float[Array, "n 14"], script: Script, g: float
 ) -> tuple[Places, tuple[int, ...]]:
-    """Rests that are at rest within the stated bounds, and the indices of the others.
+    """Rests that keep their stated bounds, and the indices of the others.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def settled_rests(
 def moving_rows(
     rows: Float[Array, "n 14"], script: Script, g: float
 ) -> tuple[Mask, Float[Array, " n"], Float[Array, " n"]]:
-    """Rows of planned rests beyond the script's bounds, and what was compared."""
+    """Rows of planned rests beyond their bounds, and what was compared."""
     deviation = np.abs(np.linalg.norm(rows[:, :3], axis=1) - g)
     rate = np.linalg.norm(rows[:, 3:6], axis=1)
     resting = (deviation <= script.rest_force) & (rate <= script.rest_rate)
@@ -221,7 +221,7 @@ def plan_run(
     integrator: Integrator | None = None,
     **parameters: Any,
 ) -> Plan:
-    """Compile the model and write the script of a run."""
+    """Compile a scene's model and write the script of a run."""
     chosen = find_scene(scene)
     physics = load_model(chosen.model, site_offset, timestep, integrator)
     setting = {"site_offset": site_offset, "integrator": integrator}
@@ -234,7 +234,7 @@ def plan_of(
     setting: Mapping[str, Any],
     parameters: Mapping[str, Any],
 ) -> Plan:
-    """Write the script of a run of a compiled model."""
+    """Write the script of a run for a compiled model."""
     return Plan(
         scene=scene,
         physics=physics,
@@ -244,19 +244,17 @@ def plan_of(
 
 
 def run_plan(plan: Plan, *, positions: bool = False) -> Trajectory:
-    """Simulate a plan and check its data; with the sensor's positions, if asked for."""
+    """Simulate a plan and check its data; along its path by (P2), if asked."""
     model = plan.physics.model
     rollout = roll_out(model, [plan.script], positions=positions)
     found = checked_trajectory(plan, rollout)
-    if rollout.qpos is None:
-        return found
-    return replace(found, position=sensor_places(model, [*rollout.qpos[0]]))
+    return replace(found, **path_rows(model, rollout)._asdict()) if positions else found
 
 
 def write_script(
     scene: Scene, physics: Physics, parameters: Mapping[str, Any]
 ) -> Script:
-    """Script of a scene for some parameters."""
+    """Write the script of a scene for some parameters."""
     known = scene.parameters()
     unknown = [name for name in parameters if name not in known]
     if unknown:
@@ -290,7 +288,7 @@ def write_script(
 def describe(
     scene: Scene, physics: Physics, parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """All that a trajectory's numbers depend on, as plain values."""
+    """All that a trajectory depends on, as plain values."""
     given = {**scene.parameters(), **parameters}
     plain = {
         name: np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
@@ -307,7 +305,7 @@ def describe(
 
 
 def checked_trajectory(plan: Plan, rollout: Rollout, number: int = 0) -> Trajectory:
-    """Check one simulated run and name its columns."""
+    """Check a simulated run, and name its columns."""
     model, scene, script = plan.physics.model, plan.scene, plan.script
     option, rows = model.opt, rollout.rows[number]
     check_run(
@@ -347,7 +345,7 @@ TOGETHER = 8  # runs in memory at once: 46 MB at 51 200 rows each
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RestMeans(ReadOnly):
-    """Means over the rests of many runs; each row is one run, each column one rest.
+    """Means over the rests of many runs, a row for each run.
 
     In sensor axes; the provenance is that of the first run, and the others differ in
     the parameters they were given.
@@ -430,7 +428,7 @@ def simulate_many(
 
 
 def _rest_means(plan: Plan, rollout: Rollout, k: int, number: int) -> list[Array]:
-    """Means over the rests of a run that is the k-th of those stepped together."""
+    """Means over the rests of one run among those stepped together."""
     trajectory = checked_trajectory(plan, rollout, k)
     count = int(plan.script.hold.max()) + 1
     if trajectory.unsettled or len(trajectory.hold_indices()) != count:

@@ -20,7 +20,7 @@ from simval.plugins.protocol import SCENE, Plugin
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Script:
-    """One run, written down before it is simulated.
+    """A run, as it was written before it is simulated.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Script:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene(Plugin):
-    """A model file and its driver.
+    """A model file with a driver and the limits of its data.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-r"""A trajectory: one row an instant, its average rates, and its conversion to a log.
+r"""A trajectory: a row for each instant, average rates, and conversion to a log.
 
 The rows are true values, with where they come from. As a test signal for any calibrator
 they are written with an IMU's readings.
@@ -13,8 +13,8 @@ of the body rate over it,
 up to the fifth order of the step: the bracket is the coning of a rate that is a
 parabola over three steps. Equation (G1) is solved for S, so whoever integrates the
 averages with this bracket gets the attitudes back to rounding. The physics' own rate is
-of one instant, and its steps and its staircase of commands make it differ from the
-average by 0.6 degrees a move when it is integrated.
+of the step before, and differs from the average by 0.6 degrees a move when it is
+integrated.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,8 @@ from simval.shapes import Float
 class Trajectory(ReadOnly):
     """Readings of an ideal sensor at the IMU's site, row by row.
 
-    All columns of a row are from the same evaluation of the physics.
+    All columns of a row are from the same evaluation of the physics; with positions,
+    force and rate are of the path that the body takes, eq. (P2) of the physics.
 
     Attributes
     ----------
@@ -135,7 +136,7 @@ class Trajectory(ReadOnly):
 
 
 def attitude_from_mujoco(quaternion: Float[Array, "... 4"]) -> Float[Array, "... 4"]:
-    """MuJoCo's quaternions in the package's order: the one place that converts them.
+    """Convert MuJoCo's quaternions to the package's order; only here is that done.
 
     MuJoCo's ``framequat`` of a site takes site to world, scalar first. Reordered scalar
     last, the same four numbers are the package's quaternion of world to site, whose
@@ -183,7 +184,7 @@ def average_rates(trajectory: Trajectory, every: int = 1) -> Float[Array, "m 3"]
 def gyroscope_rows(
     trajectory: Trajectory, every: int = 1, rows: Rows = BEFORE
 ) -> Float[Array, "m 3"]:
-    """Rates as a gyroscope of such rows has them; beyond the run its ends go on.
+    """Rates as a gyroscope with such rows reads them.
 
     By the spline through the sum of the increments of all steps, of which every so many
     are kept.
@@ -208,7 +209,7 @@ def gyroscope_rows(
 
 
 def increments(attitude: Float[Array, "n 4"]) -> Float[Array, "n-1 3"]:
-    """Integrals of the body rate between attitudes, rad, eq. (G1)."""
+    """Integral of the body rate between successive attitudes, rad, eq. (G1)."""
     d = turns(attitude)
     most = float(np.abs(d).max())
     if not most <= _MOST:
@@ -232,7 +233,7 @@ def turns(attitude: Float[Array, "n 4"]) -> Float[Array, "n-1 3"]:
 
 
 def coning(S: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Bracket of (G1), with straight lines beyond the ends."""
+    """The bracket of (G1), extended by straight lines beyond the ends."""
     ends = 2.0 * S[[0, -1]] - S[[min(1, len(S) - 1), max(len(S) - 2, 0)]]
     wide = np.concatenate([ends[:1], S, ends[1:]])
     return (np.cross(wide[:-2], S) + np.cross(S, wide[2:])) / 24.0
@@ -249,7 +250,7 @@ UNITS = (("a", "m/s^2"), ("w", "rad/s"), ("m", "T"))
 
 
 def motion_of(trajectory: Trajectory, every: int = 1, rows: Rows = BEFORE) -> Motion:
-    """Motion of a run for the sensors of an IMU, keeping every n-th row.
+    """Motion of a run, every n-th row, for the sensors of an IMU.
 
     The rate is the average over the step that ends at a row, and over all steps since
     the row before that is kept, or as the gyroscope's rows are of.
@@ -269,7 +270,7 @@ def write_signal(
     every: int = 1,
     rows: Rows = BEFORE,
 ) -> None:
-    """Write a run as comma-separated text, one row of one instant each.
+    """Write a run as comma-separated text, a row for each instant.
 
     Columns: the time stamp; readings of accelerometer, gyroscope and magnetometer, the
     truth where there is no such sensor, the gyroscope's as `rows` says; the true time,
@@ -312,7 +313,7 @@ def write_signal(
 
 
 def header(readings: ImuReadings | None = None) -> str:
-    """Names of the columns; a sensor that is not there reads in units of the truth."""
+    """Names of the columns; a missing sensor has the truth's units."""
     real = (
         [False] * 3
         if readings is None
@@ -329,7 +330,7 @@ def header(readings: ImuReadings | None = None) -> str:
 def read_or_true(
     motion: Motion, readings: ImuReadings | None
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Readings of the three sensors, and the truth of one that is not there."""
+    """Readings of the three sensors, or the truth where a sensor is missing."""
     force, rate, field = motion.specific_force, motion.rate, motion.field
     if readings is None:
         return force, rate, field

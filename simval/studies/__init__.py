@@ -60,7 +60,7 @@ FILES = "SIMVAL_STUDIES"
 
 
 def brought() -> dict[str, Path]:
-    """Files of a user's studies, by the names of these."""
+    """Files of a user's studies, by the studies' names."""
     listed = os.environ.get(FILES, "").split(os.pathsep)
     return {Path(each).stem: Path(each) for each in listed if each}
 
@@ -145,7 +145,7 @@ def find_study(name: str) -> Study:
 
 
 def bring(files: Iterable[str | Path]) -> None:
-    """Add studies of a user's files, here and in each process started from here.
+    """Add the studies of a user's files, here and in every process started from here.
 
     Parameters
     ----------

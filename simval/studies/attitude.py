@@ -132,7 +132,7 @@ def random_geometry(number: int, least: float = 0.0) -> Truth:
 def noise_shapes(
     kind: Noise, numbers: Any, truth: Truth | Truths, each: bool = False
 ) -> Float[Array, "... 4 3 3"]:
-    """Covariances of the four vectors of a numbered geometry, or of some.
+    """Covariances of the four vectors of numbered geometries.
 
     The greatest eigenvalue is 1: of all of them, or of each.
     """
@@ -204,7 +204,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _entries(moments: Moments) -> tuple[Float[Array, "14"], Float[Array, "14"]]:
-    """Bias and covariance of some moments in one row, and their standard errors."""
+    """Bias and covariance of some moments as one row, and their standard errors."""
     values = moments.bias, moments.covariance[_UPPER]
     errors = moments.bias_error, moments.covariance_error[_UPPER]
     return np.concatenate(values), np.concatenate(errors)
@@ -225,7 +225,7 @@ def _moment_rows(
         if label == stat.ORDER_4_SOURCE:
             yield from unjudged(*given, remainder)
             continue
-        # beside a formula's, plain samples see a covariance, but hardly a bias
+        # plain samples show a formula's covariance, but hardly its bias
         most = len(ENTRIES) if label == stat.EXACT else len(COMPONENTS)
         value, error = stated(
             _entries(controlled), expected, remainder, controlled.samples
@@ -243,7 +243,7 @@ def _moment_rows(
 
 
 def _rms_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[Row]:
-    """Length of the error's RMS and mean: what the report draws over the noise."""
+    """RMS length of the error, which the page draws over the noise."""
     found = root(*mean_square(sums, np.eye(4)))
     for label, predicted in predictions.items():
         expected = np.sqrt(np.trace(predicted.second_moment))
@@ -251,7 +251,7 @@ def _rms_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[R
 
 
 def _unit_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[Row]:
-    """Defect of the unit length in samples and predictions."""
+    """Defect of the unit length, of the samples and of the predictions."""
     q, square = predictions[stat.EXACT].q_true, mean_square(sums, np.eye(4))[0]
     off = abs(unit_length_defect(square, float(q @ moments_of(sums).bias)))
     most = unit_length_rounding(square)
@@ -270,7 +270,7 @@ def _unit_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[
 def _size_rows(
     sums: Sums, sigma: float, predictions: dict[str, AttitudeMoments]
 ) -> Iterator[Row]:
-    """One size of bias and covariance, and of what each formula leaves out of it.
+    """Size of bias and covariance, and of what each formula leaves out of them.
 
     The size is the projection on the exact moment, whose entries are judged one by one.
     """

@@ -1,4 +1,4 @@
-r"""Efficiency: the loss of accuracy of the closed form against the bound.
+r"""Efficiency: how much accuracy the closed form loses against the bound.
 
 Over many geometries, drawn once for all, the RMS error of each estimator is set against
 the Cramer-Rao bound of the two-vector problem, which the q-method reaches to first
@@ -76,7 +76,7 @@ WEIGHTS: Final = tuple(1.0 / np.sum(np.reshape(DEVIATIONS, (2, 2)) ** 2, axis=0)
 
 
 def estimators(parameters: "Parameters") -> dict[str, Callable[..., Array]]:
-    """The estimators, of normalised vectors or of vectors as they are."""
+    """The estimators to compare, with vectors normalised or as they are."""
     weights = WEIGHTS if parameters.noise == "unequal" else (1.0, 1.0)
     frames: tuple[Selection, ...] = ("combined", "best")
     ours = (
@@ -150,13 +150,13 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the ratios of a cell with these parameters."""
+    """File of the ratios of a cell."""
     used = "normalised" if named["normalized"] else "as they are"
     return f"attitude-efficiency-{named['noise']}-{used}.npz".replace(" ", "-")
 
 
 def geometries(count: int, rng: np.random.Generator) -> Truths:
-    """Random attitudes with vectors that are not too close."""
+    """Random attitudes with reference vectors that are not too close."""
     found: list[Truth] = []
     while len(found) < count:
         q = random_quaternions(1, rng)[0]
@@ -168,7 +168,7 @@ def geometries(count: int, rng: np.random.Generator) -> Truths:
 
 
 def predicted_squares(problems: Truths, parameters: Parameters) -> Float[Array, "n 5"]:
-    """Mean squared angle of each estimator for unit noise.
+    """Predicted mean squared angle of each estimator, for unit noise.
 
     TRIAD has no prediction here and is compared with the bound.
     """
@@ -186,7 +186,7 @@ def predicted_squares(problems: Truths, parameters: Parameters) -> Float[Array, 
 
 
 def squares_of_pairs(problems: Truths, weights: Any = None) -> Float[Array, " n"]:
-    """Mean squared angle of weighted least squares for unit unequal noise."""
+    """Mean squared angle of weighted least squares, for unequal noise."""
     found = [
         wahba_moments(q, [r1, r2], DEVIATIONS, weights).covariance
         for q, r1, r2 in zip(*problems, strict=True)
@@ -197,7 +197,7 @@ def squares_of_pairs(problems: Truths, weights: Any = None) -> Float[Array, " n"
 def price_of_columns(
     problems: Truths, parameters: Parameters, bound: Float[Array, " n"]
 ) -> Float[Array, " n"]:
-    """RMS error of the combined estimator over the bound, (AE1)."""
+    """RMS error of the combined estimator over the bound, eq. (AE1)."""
     n = cross(problems[1], problems[2])
     along = 0.25 * (1.0 / np.sum(n * n, axis=-1) - 1.0)
     if parameters.noise == "tangent" or parameters.normalized:
@@ -209,7 +209,7 @@ def price_of_columns(
 
 
 def length_rows(problems: Truths) -> Iterator[Row]:
-    """Median and worst turn by a body vector that is too long, without noise."""
+    """Median and worst turn that a too long body vector causes, without noise."""
     q, vectors, _ = true_vectors(*problems)
     squared = np.sum(cross(problems[1], problems[2]) ** 2, axis=-1)
     first = 0.5 * TOO_LONG * np.sqrt(1.0 / squared - 1.0)
@@ -267,7 +267,7 @@ def ratio_rows(
     error: Float[Array, " n"],
     price: Float[Array, " n"],
 ) -> list[Row]:
-    """Median and worst of the RMS errors over the q-method's, by theory and drawn."""
+    """Median and worst RMS error over the q-method's, predicted and simulated."""
     rows: list[Row] = []
     for what, pick in (("median", np.median), ("worst", np.max)):
         ratio, at = stat.RMS_RATIO(name, what), pick(predicted)

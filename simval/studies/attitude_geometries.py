@@ -1,4 +1,4 @@
-r"""Leading errors over many geometries: which formula is more accurate.
+r"""Leading errors over many geometries: which formula is the most accurate.
 
 The covariance of each formula that is accurate to second order is off by a term in
 :math:`\sigma^4`: the linear one by :math:`C_4`, the source's fourth order by
@@ -110,13 +110,13 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the ratios of a cell with these parameters."""
+    """File of the ratios of a cell."""
     noise, frame, count = (named[key] for key in ("noise", "frame", "geometries"))
     return f"attitude-geometries-{noise}-{frame}-{count}.npz"
 
 
 def regular_geometries(frame: str, count: int) -> tuple[Places, Truths]:
-    """The first numbered geometries that are not singular for theory."""
+    """The first numbered geometries that are not singular."""
     drawn = count
     while True:
         q, r1, r2 = map(np.stack, zip(*map(random_geometry, range(drawn)), strict=True))

@@ -1,4 +1,4 @@
-r"""Closeness to singularity: the noise at which each attitude formula breaks down.
+r"""Near singularity: the noise at which each attitude formula breaks down.
 
 The quantity that decides is :math:`|\bar q|/\sigma`. For a geometry with a given
 :math:`|\bar q|` in the plain frame, the noise is raised until the bias and covariance

@@ -1,4 +1,4 @@
-r"""Map of the limits: where each attitude formula holds, over many geometries.
+r"""Map of limits: where each attitude formula holds, over many geometries.
 
 In each numbered random geometry the isotropic noise is raised until the covariance and
 the bias of each formula are off by 1 % and by 10 % of the exact ones. Quantiles of
@@ -97,7 +97,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the limits of a cell with these parameters."""
+    """File of the limits of a cell."""
     return f"attitude-map-{named['frame']}-{named['geometries']}.npz"
 
 
@@ -122,7 +122,7 @@ def limits_of(
 
 
 def nearer(truth: Truth, frame: Frame | None) -> Bool[Mask, "2 n"]:
-    """True at each of `NEAR` where a formula is nearer than the second order."""
+    """True at each of `NEAR` where a formula beats the second order."""
     found = _moments_at(truth, NEAR, frame)
     exact = found["exact"]
     off = {o: _relative(found[o], exact, exact, "covariance") for o in FORMULAS}
@@ -132,7 +132,7 @@ def nearer(truth: Truth, frame: Frame | None) -> Bool[Mask, "2 n"]:
 def _moments_at(
     truth: Truth, ratios: Float[Array, " n"], frame: Frame | None
 ) -> dict[Any, AttitudeMoments]:
-    """Moments by each order, with a sample for each |qbar|/sigma."""
+    """Moments by each formula, with a sample for each |qbar|/sigma."""
     noise = (attitude_moments(*truth, 1e-3, 2, frame).norm / ratios)[:, None]
     return {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}
 

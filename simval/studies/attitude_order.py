@@ -113,7 +113,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _bent(
     truth: Truth, levels: Float[Array, " n"], shape: Float[Array, "4 3 3"]
 ) -> Bent:
-    """The next term over the first that is left out, at the highest level.
+    """Ratio of the next term left out to the first one, at the highest noise.
 
     From the truth alone, whose powers of the variance go through its levels: a wrong
     formula must not say of itself where theory ends. The source's first term is its
@@ -142,7 +142,7 @@ def _slopes(
     frame: Frame | None,
     bent: Bent,
 ) -> Iterator[Row]:
-    """Rows of the greatest column, or of all combined: the three upper levels there."""
+    """Rows of slopes, for the longest column or for all combined."""
     levels = norm * LEVELS[2 if frame else 0 :]
     noises = levels[:, None, None, None] ** 2 * shape
     truths = [_truth(truth, noise, frame) for noise in noises]
@@ -164,7 +164,7 @@ def _slopes(
 def slope_of(
     levels: Float[Array, " n"], gap: Float[Array, " n"], norm: float, bent: float
 ) -> tuple[float, float, str]:
-    """Slope by (O1), what it may be off by, and why it says nothing, if it does not."""
+    """Slope by (O1), its possible error, and why it says nothing, if it does not."""
     fitted = gap > FLOOR / norm
     if fitted.sum() < 3:
         words = f"what it leaves out is below rounding, {FLOOR / norm:.1g}"
@@ -186,7 +186,7 @@ def slope_of(
 
 
 def _truth(truth: Truth, noise: Float[Array, "4 3 3"], frame: Frame | None) -> Moments:
-    """Exact moments of a fixed frame under isotropic noise, else cubature."""
+    """Exact moments under isotropic noise in a fixed frame, else by cubature."""
     if isotropic(noise) and frame is None:
         return attitude_moments(*truth, noise, "exact")
     second = attitude_moments(*truth, noise, 2, frame)

@@ -1,4 +1,4 @@
-r"""Singular cases: every remedy near the set where the plain formula fails.
+r"""Singular cases: how each remedy does near attitudes where the plain formula fails.
 
 Without noise :math:`\bar q = (e^T n) q`, :math:`n = r_1 \times r_2`, so the formula is
 singular where the axis lies in the plane of the references: the source's cases A to D
@@ -165,7 +165,7 @@ class Parameters(StudyParameters):
 
     @model_validator(mode="after")
     def _require_near(self) -> Self:
-        """Check that the distance and the border can be reached."""
+        """Check that the distance and the border are possible."""
         for name, farthest in FARTHEST.items():
             most = farthest / self.noise_std * (1.0 + SAME)
             if not getattr(self, name) <= most:
@@ -183,12 +183,12 @@ class Parameters(StudyParameters):
 
 
 def turn(axis: Float[Array, "3"], half_sine: float) -> Float[Array, "4"]:
-    """Turn about an axis by the sine of half of its angle."""
+    """Turn about an axis, from the sine of half its angle."""
     return np.append(half_sine * normalize(axis), np.sqrt(1.0 - half_sine**2))
 
 
 def singular_attitude(case: str, rng: np.random.Generator) -> Truth:
-    """A random attitude of a case; the references of a draw are those of all cases."""
+    """A random attitude of a singular case."""
     angle = rng.uniform(np.arcsin(LEAST_SINE), np.pi - np.arcsin(LEAST_SINE))
     r1, other = np.linalg.qr(rng.standard_normal((3, 2)))[0].T
     r2 = np.cos(angle) * r1 + np.sin(angle) * other
@@ -204,12 +204,12 @@ def seen_noise(
     vectors: Float[Array, "... 4 3"],
     noise: Float[Array, "... 4 3 3"],
 ) -> Float[Array, "... 4 3 3"]:
-    """Noise that the remedies see to first order: of normalised vectors, across."""
+    """Noise that the remedies see to first order: across, of normalised vectors."""
     return normalized_noise(vectors, noise)[1] if parameters.normalized else noise
 
 
 class Setting:
-    """One attitude near the singular set: its remedies, and their predicted errors."""
+    """One attitude near a singular one, with its remedies and predicted errors."""
 
     def __init__(self, parameters: Parameters) -> None:
         p = self.parameters = parameters
@@ -249,18 +249,18 @@ class Setting:
         }
 
     def beside(self, share: float) -> Float[Array, "4"]:
-        """The singular attitude turned about n by (SC1), of |qbar| over |n|."""
+        """The singular attitude turned about n to have this |qbar| over |n|, (SC1)."""
         return compose(turn(self.n, share / self.singular[3]), self.singular)
 
     def chords(self, name: str, *vectors: Array) -> Float[Array, "n 3"]:
-        """Errors of a remedy: twice the vector part, of the scalar's sign."""
+        """Errors of a remedy as twice the vector part, sign of the scalar made plus."""
         if self.parameters.normalized:
             vectors = tuple(map(normalize, vectors))
         error = compose(conjugate(self.q), self.remedies[name](*vectors))
         return np.copysign(2.0, error[:, 3:]) * error[:, :3]
 
     def errors(self, names: Iterable[str], x: Float[Array, "n 12"]) -> dict[str, Array]:
-        """Chords of some remedies under a noise, and what normalisation does."""
+        """Errors of some remedies under given noise, and effects of normalisation."""
         noise = x.reshape(-1, 4, 3).swapaxes(0, 1) @ self.roots
         vectors = self.truth[:, None] + self.sigma * noise
         found = {name: self.chords(name, *vectors) for name in names}
@@ -277,7 +277,7 @@ class Setting:
     def expanded(
         self, names: Iterable[str], x: Float[Array, "n 12"]
     ) -> dict[str, Expanded]:
-        """First and second order of these errors."""
+        """These errors expanded to first and second order."""
         names, nothing = list(names), np.zeros((1, 12))
         widths = {k: v.shape[1] for k, v in self.errors(names, nothing).items()}
         ends = np.cumsum([0, *widths.values()]).tolist()
@@ -288,12 +288,12 @@ class Setting:
         }
 
     def turned(self, frame: str, share: float) -> TwoVectorGeometry:
-        """Noise-free vectors of a frame."""
+        """Noise-free vectors in a frame."""
         column = np.array(FRAMES.index(frame))
         return turned_geometry(column, self.beside(share), self.r1, self.r2)
 
     def exact_square(self, frame: str) -> float:
-        """Exact mean square of a fixed frame."""
+        """Exact mean square error in a fixed frame."""
         # a qbar of 0 has no sign; the square of its frame is even and smooth in it
         least = 1e-3 * self.sigma if frame == "plain" else 0.0
         geometry = self.turned(frame, max(self.share, least))
@@ -303,17 +303,17 @@ class Setting:
 
     @property
     def expands(self) -> bool:
-        """True if a fixed frame has no exact answer: it is expanded, too."""
+        """True if a fixed frame has no exact answer and must be expanded."""
         return self.parameters.normalized or not self.gaussian
 
     @property
     def plain_expands(self) -> bool:
-        """True if an expansion of the plain frame holds."""
+        """True if the plain frame can be expanded here."""
         far = self.parameters.distance >= 2.0 * RANGE
         return bool(far and self.norms[3] >= MIN_NORM)
 
     def frames(self) -> dict[str, Column]:
-        """Frame of each remedy that has a fixed one here."""
+        """Frame of each remedy that uses a fixed frame here."""
         found, p = {}, self.parameters
         lengths = np.sort(self.norms)
         if lengths[3] - lengths[2] >= self.margin * self.sigma:
@@ -331,7 +331,7 @@ class Setting:
         return found
 
     def predicted(self) -> dict[str, tuple[float, str, float]]:
-        """Mean squares, their theory, and what this leaves out of them."""
+        """Mean squares of each remedy, the theory they are from, and remainders."""
         found: dict[str, tuple[float, str, float]] = {}
         frames = self.frames()
         first: dict[str, Array] = {}
@@ -366,14 +366,14 @@ class Setting:
         return found
 
     def turns_of(self, frame: Column, normalized: bool = False) -> Array:
-        """Covariance of the turn of a fixed frame to first order."""
+        """Covariance of the turn in a fixed frame, to first order."""
         given = self.q, self.r1, self.r2, self.seen
         return (
             4.0 * attitude_moments(*given, 2, frame, normalized=normalized).covariance
         )
 
     def by_cubature(self, names: Mapping[str, Array], level: float) -> Array:
-        """Mean squares of some remedies at a multiple of the noise, (SC2)."""
+        """Mean squares of some remedies with the noise scaled, eq. (SC2)."""
 
         def squares(scales: Float[Array, "4"]) -> Array:
             noise = scales[:, None, None] * self.noise * level**2
@@ -392,7 +392,7 @@ class Setting:
         return np.sum(pairs, axis=0) - 3.0 * middle
 
     def trial(self, rng: np.random.Generator) -> Block:
-        """A block of trials: errors of all remedies, and their noise."""
+        """Simulate a block of trials: the errors of all remedies, and their noise."""
         noise = rng.standard_normal((4, BLOCK, 3))
         drawn = noise * tails(self.parameters.noise, (4, BLOCK, 1), rng)
         x = drawn.swapaxes(0, 1).reshape(BLOCK, 12)
@@ -428,7 +428,7 @@ def _remedy_rows(
     theory: tuple[float, str, float] | None,
     known: Mapping[str, Expanded],
 ) -> Iterator[Row]:
-    """RMS error, that over the bound, and the mean square over theory's."""
+    """RMS error, its ratio to the bound, and the mean square over theory's."""
     square, label, left = theory or (np.nan, "", 0.0)
     squares = np.sum(chords**2, axis=1)
     rms, error = root(*mean_of(squares)[:2]) if squares.any() else (0.0, 0.0)
@@ -453,7 +453,7 @@ def _remedy_rows(
 def _normalisation_rows(
     setting: Setting, trials: Trials, known: Mapping[str, Expanded]
 ) -> Iterator[Row]:
-    """Mean length by (51) of two frames, mean turn by (53) of the best."""
+    """Mean length by (51) in two frames, and mean turn by (53) in the best."""
     more = 1.0 if setting.gaussian else TAILS
     for name, geometry in setting.lengths.items():
         moments = scaled_error_moments(geometry, setting.noise)
@@ -479,7 +479,7 @@ def _normalisation_rows(
 
 
 def _border_rows(setting: Setting) -> Iterator[Row]:
-    """Step of Table 1's answer across the borders of the case, without noise."""
+    """Jump of Table 1's answer across the borders of a case, without noise."""
     tau, r1, r2 = setting.border, setting.r1, setting.r2
     direct = partial(case_quaternion, tolerance=tau)
     sines = {"to regular": tau / setting.singular[3]}
@@ -500,7 +500,7 @@ def _border_rows(setting: Setting) -> Iterator[Row]:
 
 
 def _cost_rows(parameters: Parameters) -> Iterator[Row]:
-    """RMS errors over the bound to first order, over many attitudes of the case."""
+    """First-order RMS error over the bound, for many attitudes of the case."""
     rng = np.random.default_rng(GEOMETRIES)
     truths = [singular_attitude(parameters.case, rng) for _ in range(GEOMETRIES)]
     q, r1, r2 = (np.stack(each) for each in zip(*truths, strict=True))
@@ -532,7 +532,7 @@ def _cost_rows(parameters: Parameters) -> Iterator[Row]:
 
 
 def _table_rows() -> Iterator[Row]:
-    """Share of lattice problems that each table gets wrong without noise.
+    """Share of a lattice of attitudes that each table gets wrong without noise.
 
     The 24 attitudes of the cube with all pairs of 13 directions: most are singular,
     many of them in turned frames too.
@@ -559,7 +559,7 @@ def _table_rows() -> Iterator[Row]:
 
 
 def _plainly(parameters: Mapping[str, Any]) -> bool:
-    """True of isotropic noise and vectors as they are: of others there are tables."""
+    """True for isotropic noise without normalisation; others appear in tables."""
     return not parameters["normalized"] and parameters["noise"] == "isotropic"
 
 

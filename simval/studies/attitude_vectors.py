@@ -168,7 +168,7 @@ class Parameters(StudyParameters):
 
     @model_validator(mode="after")
     def _require_vectors(self) -> Self:
-        """Check that no vector drowns in its noise."""
+        """Check that no vector is lost in its noise."""
         most = self.noise_std * self.ratio
         if not most <= MOST_NOISE:
             msg = (
@@ -190,7 +190,7 @@ class Parameters(StudyParameters):
 
 
 class Setting:
-    """One geometry with its noise: its estimators, and what first-order theory says."""
+    """One geometry with its noise, its estimators, and their first-order theory."""
 
     def __init__(self, parameters: Parameters) -> None:
         n = self.n = parameters.vectors
@@ -238,17 +238,17 @@ class Setting:
         return found
 
     def stated(self, name: str, body: Float[Array, "t n 3"]) -> Float[Array, "t 3 3"]:
-        """Covariance that a least squares states for each sample."""
+        """Covariance that a least-squares estimator states for each sample."""
         given = body, self.references, self.noise_std
         weights = {"weighted": None}.get(name, self.weights[name])
         return wahba_covariance(*given, weights)
 
     def losses(self, body: Float[Array, "t n 3"]) -> Float[Array, " t"]:
-        """Loss of the best attitude of each sample."""
+        """Loss at the best attitude of each sample."""
         return consistency(body, self.references, self.noise_std).statistic
 
     def features(self, body: Float[Array, "t n 3"]) -> Float[Array, "t m"]:
-        """Squared errors over predicted, normalised squares, loss and its square."""
+        """Squared errors over prediction, normalised squares, loss and its square."""
         attitudes = self.estimates(body)
         errors = {name: rotation_error(q, self.q) for name, q in attitudes.items()}
         squares = [
@@ -274,23 +274,23 @@ class Setting:
         return shift * np.hypot(*self.std[:2]) * displacement
 
     def apart(self, shift: float) -> float:
-        """Non-centrality of the loss under such a turn."""
+        """Non-centrality of the loss when a vector is displaced."""
         given = self.q, self.references, self.displaced(shift)
         return loss_noncentrality(*given, self.weights["weighted"])
 
     def means(self, shift: float) -> Float[Array, " m"]:
-        """Means of `features` to first order."""
+        """First-order means of `features`."""
         count = len(self.predicted)
         loss, variance = self.loss_moments(shift)
         return np.array([1.0] * count + [3.0] * count + [loss, loss * loss + variance])
 
     def loss_moments(self, shift: float) -> tuple[float, float]:
-        """Mean and variance of the loss to first order."""
+        """First-order mean and variance of the loss."""
         freedom, apart = 2.0 * self.n - 3.0, self.apart(shift)
         return freedom + apart, 2.0 * (freedom + 2.0 * apart)
 
     def off(self, shift: float, degree: int) -> Float[Array, " m"]:
-        """These less those by cubature, with (SC2) under heavy tails."""
+        """First-order means minus those by cubature, with (SC2) under heavy tails."""
 
         def off(scales: Array) -> Array:
             return cubature_moments(
@@ -311,35 +311,35 @@ class Setting:
 
     @property
     def sine(self) -> float:
-        """How well the vectors fix the turn that they fix worst; 1 of many."""
+        """How well the vectors determine the worst direction; 1 if they are many."""
         seen = self.n * np.eye(3) - self.body.T @ self.body
         return np.sqrt(min(np.linalg.eigvalsh(seen)[0], 1.0))
 
     def draw(
         self, count: int, rng: np.random.Generator
     ) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
-        """Normal numbers, and what noise of variance 1 is made of them."""
+        """Draw normal numbers, and noise of variance 1 made of them."""
         normal = rng.standard_normal((count, self.n, 3))
         return normal, normal * tails(self.kind, (count, self.n, 1), rng)
 
     def noisy(self, x: Float[Array, "t n 3"]) -> Float[Array, "t n 3"]:
-        """Body vectors with such noise."""
+        """Body vectors with this noise."""
         turned = (self.roots @ x[..., None])[..., 0]
         return self.body + self.std[:, None] * turned
 
     def turns(self, body: Float[Array, "t n 3"]) -> Float[Array, "t p"]:
-        """Turn of each estimator from the truth, side by side."""
+        """Turns of all estimators from the truth, side by side."""
         found = self.estimates(body).values()
         return np.concatenate([rotation_error(q, self.q) for q in found], axis=1)
 
     def errors(self, x: Float[Array, "t d"]) -> Float[Array, "t p"]:
-        """Turns by some noise."""
+        """Turns under this noise."""
         return self.turns(self.noisy(x.reshape(-1, self.n, 3)))
 
     def linear_losses(
         self, x: Float[Array, "t n 3"], shift: float
     ) -> tuple[Float[Array, " t"], float]:
-        """Loss to first order of each sample, and its non-centrality."""
+        """Loss of each sample to first order, and its non-centrality."""
         n = self.n
         unseen = np.zeros((n, 3, n + 3))
         unseen[np.arange(n), :, np.arange(n)] = self.body
@@ -363,7 +363,7 @@ def closed_form_square(
     frame: Frame,
     normalized: bool = False,
 ) -> Float[Array, " n"]:
-    """Squares of turns, normalised by second-order theory at each estimate.
+    """Squared turns, normalised by second-order theory at each estimate.
 
     Where a fixed frame is singular at an estimate, its covariance there has no bound,
     and the square is 0.
@@ -383,7 +383,7 @@ def closed_form_square(
 
 
 def left_out(parameters: Parameters, shift: float = 0.0) -> Float[Array, " m"]:
-    """What the first order leaves out of the means of the features, at most.
+    """Upper bound on what the first order leaves out of the features' means.
 
     Only what falls with the noise counts, found by halving it: by its square, or by its
     first power where a vector is turned. A formula that is wrong at any noise does not
@@ -400,12 +400,12 @@ def left_out(parameters: Parameters, shift: float = 0.0) -> Float[Array, " m"]:
 
 
 def unequal(weights: Float[Array, " n"]) -> float:
-    """Rounding of unit vectors, as much as unequal weights magnify it."""
+    """Rounding of unit vectors, magnified by unequal weights."""
     return (weights.max() / weights.min()) * float(np.finfo(float).eps)
 
 
 def why_outside(left: float, mean: float) -> str:
-    """Why a mean of the first order does not hold here; empty if it does."""
+    """Say why first-order means do not hold here; empty if they do."""
     if left <= MOST_LEFT_OUT * mean:
         return ""
     return (
@@ -445,7 +445,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def _estimator_rows(
     setting: Setting, values: Array, x: Float[Array, "t n 3"], off: Array
 ) -> Rows:
-    """Squared error and normalised square of each estimator, and RMS over the bound.
+    """Squared and normalised errors of each estimator, and RMS over the bound.
 
     Then the judged ones of them with the linear turns as control variates.
     """
@@ -494,7 +494,7 @@ def _test_rows(
     losses: Float[Array, " t"],
     off: Float[Array, " m"],
 ) -> Rows:
-    """Share of samples whose loss is above the threshold, also with control variates.
+    """Share of samples whose loss exceeds the threshold.
 
     The last two of `off` are what the first order leaves out of the loss and its
     square.
@@ -525,7 +525,7 @@ def _test_rows(
 
 
 def _stated_rows(setting: Setting) -> Rows:
-    """Covariances that the least squares state, against their answers' response."""
+    """Stated covariances of least squares, against the response to noise."""
     moved = response(
         lambda y: setting.turns(y.reshape(len(y), -1, 3)), setting.body.ravel(),
         STATED_STEP * setting.sine,
@@ -541,7 +541,7 @@ def _stated_rows(setting: Setting) -> Rows:
 
 
 def _order_rows(setting: Setting) -> Iterator[Row]:
-    """Covariance of least squares by second and by fourth order, against cubature.
+    """Covariance of least squares to second and fourth order, against cubature.
 
     Both are of normal noise: under heavy tails they are those of the isotropic one.
     """

@@ -1,4 +1,4 @@
-r"""Audit of simulated IMUs: right ones that are called wrong, and wrong ones named.
+r"""Audit of simulated IMUs: right ones must pass, and errors must be named.
 
 Simulators are of `simval.studies.simulated_imus`: motions in closed form, right by
 construction or wrong in one way.
@@ -164,7 +164,7 @@ def _right(
 
 
 def least_size(name: str, seed: int, parameters: Parameters) -> float:
-    """Return eq. (AU1) of an error, at the motion of a seed."""
+    """Return the size (AU1) from which an error shows, for one motion."""
     noise = parameters.noise * np.repeat([0.1, 1.0], 3)
     c = np.diff([_readings(name, seed, parameters, x) for x in (0.0, STEP)], axis=0)
     c = c[0] / noise / STEP

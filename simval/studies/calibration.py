@@ -115,14 +115,14 @@ class Parameters(StudyParameters):
 
 
 def true_sensor(noise_std: float) -> AccelerometerModel:
-    """Sensor whose parameters are to be recovered."""
+    """The sensor whose parameters are to be recovered."""
     values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
     return AccelerometerModel.from_parameters(values, noise_std=noise_std)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rests:
-    """Specific forces of a scene's sensor at rest."""
+    """Specific forces of a scene's sensor in its rests."""
 
     # specific force of every sample of every rest, sensor coordinates, m/s^2
     forces: Float[Array, "rests samples 3"]
@@ -201,7 +201,7 @@ def expanded(
     sigma: float,
     residual: str = "squared",
 ) -> Expanded:
-    """First and second order of the errors by some noise of deviation sigma."""
+    """Errors to first and second order in noise of deviation sigma."""
     expansion = calibration_expansion(sensor, directions, g, residual)
     return Expanded(
         first=expansion.first(noise),
@@ -212,7 +212,7 @@ def expanded(
 
 
 def _recovery(sensor: AccelerometerModel, rests: Rests) -> Rows:
-    """Relative error of T, K and B from one noise-free tumble.
+    """Relative error of T, K and B recovered from one tumble without noise.
 
     A rest that is not quite at rest passes its relative error on to the parameters,
     at most enlarged by the condition of the poses.
@@ -264,7 +264,7 @@ def _nees_row(
 
 
 def rounding_of(sensor: AccelerometerModel, condition: float) -> Float[Array, "9"]:
-    """What the arithmetic of a fit leaves of its nine parameters."""
+    """Rounding error that a fit's arithmetic leaves in its nine parameters."""
     K = sensor.K
     return ROUNDED * condition * np.concatenate([np.ones(3), K, G / K])
 
@@ -276,7 +276,7 @@ def _control_rows(
     predicted: CalibrationMoments,
     rounding: Float[Array, "9"],
 ) -> Rows:
-    """The judged ones of these rows, of what noise adds, with control variates."""
+    """The judged rows again, with control variates."""
     weight = np.linalg.inv(predicted.covariance)
     relative = 18.0 * np.max(rounding / predicted.sd)  # of nine squares
     return beside(
@@ -287,7 +287,7 @@ def _control_rows(
 
 
 def _group_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
-    """RMS error of T, K and B over their three entries, and the bound on it."""
+    """RMS error of T, K and B, each over three entries, against the bound."""
     for name, part, unit in GROUPS:
         weight = np.zeros((9, 9))
         weight[part, part] = np.eye(3) / 3.0
@@ -306,7 +306,7 @@ def _theories(predicted: CalibrationMoments) -> dict[str, Array]:
 
 
 def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
-    """Errors of all nine parameters together, and bias and spread of T, K and B.
+    """Error of all nine parameters together; bias and spread of T, K and B.
 
     They repeat what judged rows say entry by entry, so they are not judged again.
     """
@@ -351,7 +351,7 @@ def response_rows(
     g: float,
     residual: Any = "squared",
 ) -> Rows:
-    """Rows of theory against the estimate, and of stated error bars against theory.
+    """Rows that test theory and stated error bars against the fit's response.
 
     None for poses or scales so uneven that differences are no match for them.
     """
@@ -381,7 +381,7 @@ def response_rows(
         stat.COVARIANCE_OFF("stated"), apart(claimed, predicted.covariance),
         0.0, stat.FIRST_ORDER, MET * worse**4,
     )  # fmt: skip
-    if residual == "adjusted":  # takes its bias out by the noise that it is told
+    if residual == "adjusted":  # subtracts its bias by the noise that is stated
         return rows
     off = np.abs(predicted.bias - found.bias(noise)) / predicted.sd
     return rows + exact(

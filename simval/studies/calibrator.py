@@ -1,4 +1,4 @@
-r"""A user-supplied calibrator: its errors compared with the Cramer-Rao bound.
+r"""A user's calibrator: its errors compared with the Cramér-Rao bound.
 
 The plug-in's conventions are probed without noise first. Then each trial reads a known
 sensor in poses spread over the sphere, or in the six faces of a cube, with noise on
@@ -119,7 +119,7 @@ Trials = tuple[Sums, Float[Array, "n q"], Float[Array, " p"]]
 
 
 class Calibrations(Problem[Calibrator, float, Trials]):
-    """Calibrations of a known sensor from noisy means of its poses."""
+    """Calibrations of a known sensor from noisy pose means."""
 
     kind = Calibrator
 
@@ -164,24 +164,24 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         self.inside = inside
 
     def readings(self, directions: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-        """Means of poses without noise, raw units."""
+        """Pose means without noise, raw units."""
         return self.sensor.distort(G * directions, np.random.default_rng(0))
 
     def nine_parameters(self) -> CalibrationMoments:
-        """Theory of all nine parameters."""
+        """Theory for all nine parameters."""
         given = self.sensor, self.directions
         return calibration_moments(*given, g=G, noise_std=self.noise)
 
     @property
     def named(self) -> tuple[list[str], list[str]]:
-        """Names and units of what is estimated."""
+        """Names and units of the estimated parameters."""
         names = forms.names("triangular")
         units = [("1", "raw")[k >= 6] for k in self.places]
         return [names[k] for k in self.places], units
 
     @property
     def sizes(self) -> Float[Array, " p"]:
-        """Natural sizes of what is estimated."""
+        """Natural sizes of the estimated parameters."""
         sizes = np.abs(self.sensor.parameters)
         sizes[:3] = 1.0
         sizes[6:] = G / np.abs(self.sensor.K).min()
@@ -189,30 +189,30 @@ class Calibrations(Problem[Calibrator, float, Trials]):
 
     @property
     def relative(self) -> float:
-        """Square of the noise over g."""
+        """Square of the noise relative to g."""
         return (self.parameters.noise_std / G) ** 2
 
     @cached_property
     def answer(self) -> Calibration:
-        """Its answer without noise."""
+        """The calibrator's answer without noise."""
         return calibration_of(self.plugin, self.clean, G, self.noise)
 
     @property
     def size(self) -> tuple[int, str]:
-        """Its trials, in whole blocks."""
+        """Number of trials, in whole blocks."""
         return BLOCK * ceil(self.parameters.trials / BLOCK), "trials"
 
     @property
     def lives(self) -> bool:
-        """False for a command, which is started anew for each batch."""
+        """False for a command, which starts anew for each batch."""
         return not isinstance(self.plugin, BatchCalibrator)
 
     def probe(self) -> float:
-        """Greatest error without noise."""
+        """Largest error without noise."""
         return probe_calibrator(self.plugin, self.directions if self.faces else None)
 
     def trials(self, probed: float) -> Trials:
-        """Errors of all trials, of a plug-in that estimates what it says."""
+        """Errors of all trials."""
         p = len(self.places)
         settled = np.zeros(p) if self.own else self.error(self.answer)[:p]
         blocks = list(range(ceil(self.parameters.trials / BLOCK)))
@@ -230,7 +230,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
     def errors(
         self, blocks: list[int], order: Places | None = None
     ) -> Float[Array, "n p"]:
-        """Errors of all trials of some blocks, computed in their own or another order.
+        """Errors of all trials in some blocks, computed in any order.
 
         Readings are handed over many blocks at once.
         """
@@ -250,7 +250,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         return np.array(found)
 
     def error(self, answer: Calibration) -> Float[Array, " p"]:
-        """Error of the parameters, what is left and, with a covariance, the square."""
+        """Errors of the parameters, the force error left, and the NEES if known."""
         form = self.plugin.form
         error = (answer.parameters("triangular") - self.sensor.parameters)[self.places]
         left = mean_square_left(answer.matrix, answer.bias, self.sensor, G)
@@ -267,7 +267,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         return np.append(error, [left, square * factor])
 
     def again(self, answers: Trials) -> Again | None:
-        """Some blocks of what is one process for all trials."""
+        """Blocks to repeat, if one process computes all trials."""
         if self.parameters.alone:
             return None
         _, every, _ = answers
@@ -280,7 +280,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         return first, lambda order: self.errors(blocks, order), most
 
     def rows(self, probed: float, answers: Trials) -> Rows:
-        """All rows of a calibrator's cell."""
+        """All rows of the cell."""
         sums, every, settled = answers
         measured = moments_of(sums)
         return (
@@ -293,7 +293,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         )
 
     def call(self) -> Call:
-        """One calibration of poses of which every calibrator knows what to make."""
+        """One calibration that any calibrator can do, to be timed."""
         rng = np.random.default_rng(BLOCK)
         raw = self.readings(fibonacci_sphere(self.parameters.poses))
         noisy = raw + self.noise * rng.standard_normal(raw.shape)
@@ -346,19 +346,19 @@ class Parameters(AlgorithmParameters):
 
     @property
     def alone(self) -> bool:
-        """True if each trial has a process of its own, which remembers nothing."""
+        """True if each trial has its own process, which remembers nothing."""
         return self.algorithm.startswith(COMMAND) and not in_batch(self.algorithm)
 
     @property
     def deadline(self) -> float:
-        """Seconds for all trials: a command's limit is for `CALLS` of them."""
+        """Time limit for all trials, s; a command's limit counts `CALLS` times."""
         if in_batch(self.algorithm):
             return self.time_limit + AROUND
         return self.time_limit * (ceil(self.trials / CALLS) if self.alone else 1)
 
 
 def require_order(problem: Calibrations) -> None:
-    """Refuse a covariance whose parameters stand in another order than theirs.
+    """Refuse a covariance whose parameters are in another order.
 
     Whatever its size, it has the proportions of the bound in another order, and is off
     them `ALIKE` times as far in this one.
@@ -388,7 +388,7 @@ def require_order(problem: Calibrations) -> None:
 
 
 def require_spread(problem: Calibrations, measured: Moments) -> None:
-    """Refuse what does not estimate a parameter: it never varies as the noise does."""
+    """Refuse a calibrator that gives a parameter the same value in every trial."""
     names, least = problem.named[0], STILL * np.sqrt(problem.relative) * problem.sizes
     still = ~(measured.sd[: len(names)] > least)
     if still.any():
@@ -401,7 +401,7 @@ def require_spread(problem: Calibrations, measured: Moments) -> None:
 
 
 def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> Rows:
-    """Rows of the answer without noise, of a sensor outside the class.
+    """Rows for the noise-free answer about a sensor outside the class.
 
     It is in the middle of what all criteria converge to, or off it by their range.
     """
@@ -421,7 +421,7 @@ def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> Rows:
 def parameter_rows(
     problem: Calibrations, measured: Moments, settled: Float[Array, " p"]
 ) -> Rows:
-    """Rows of each parameter: bias, and spread against the bound."""
+    """Bias and spread of each parameter, against theory and the bound."""
     n, (names, units) = measured.samples, problem.named
     p = len(names)
     sd = measured.sd[:p]
@@ -445,7 +445,7 @@ def parameter_rows(
 
 
 def left_rows(problem: Calibrations, measured: Moments) -> Rows:
-    """RMS of what a calibration leaves, against the least possible, m/s^2."""
+    """RMS force error that a calibration leaves, against the least possible, m/s^2."""
     p, places, sensor = len(problem.places), tuple(problem.places), problem.sensor
     rms, error = root(measured.bias[p], measured.bias_error[p])
     n = measured.samples
@@ -461,7 +461,7 @@ def left_rows(problem: Calibrations, measured: Moments) -> Rows:
 
 
 def extreme_rows(problem: Calibrations, sums: Sums, every: Float[Array, "n p"]) -> Rows:
-    """Rows of what no calibrator does: better than the bound, or far off now and then.
+    """Rows that fail if a calibrator beats the bound, or is sometimes far off.
 
     Normal errors are within the quantile of all of them together; the deviation of
     most, from the median size, is off by five of its standard errors at the most.
@@ -484,7 +484,7 @@ def extreme_rows(problem: Calibrations, sums: Sums, every: Float[Array, "n p"]) 
 
 
 def nees_row(problem: Calibrations, measured: Moments) -> Rows:
-    """Mean normalised square, where a covariance is given."""
+    """Mean normalised squared error, if a covariance is given."""
     p, n = len(problem.places), measured.samples
     if len(measured.bias) < p + 2:
         return ()

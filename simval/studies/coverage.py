@@ -1,4 +1,4 @@
-r"""Coverage of the reported error bars of a calibration.
+r"""Coverage of the error bars that a calibration reports.
 
 Each trial calibrates one noisy pose set and asks whether the reported 95 % interval
 of each parameter holds the truth, and whether the truth lies within the reported 95 %
@@ -75,7 +75,7 @@ class Parameters(StudyParameters):
 
     @model_validator(mode="after")
     def _require_known(self) -> Self:
-        """Check that what takes the noise out of the moments knows it."""
+        """Check that the noise is known to a method that subtracts it."""
         if self.residual == "adjusted" and self.sigma != "known":
             msg = (
                 f"`residual` is adjusted and `sigma` is {self.sigma}: it takes the "

@@ -1,4 +1,4 @@
-"""A user-supplied scene: its rests are at rest, and its poses suffice.
+"""A user's scene: its rests must be at rest, and its poses must suffice.
 
 The scene is a Python file that holds one `simval.scene.Scene`, beside its MJCF file.
 It is simulated in a child process; the trajectory's own checks have passed there before
@@ -32,7 +32,7 @@ class Parameters(PluginParameters):
     time_limit: Seconds = described(300.0, "Wall time after which the cell fails, s.")
 
     def missing(self, held: Container[str] = ()) -> str:
-        """Say what is not on this machine; the package's scenes always are."""
+        """Say what is missing on this machine; the package's scenes never are."""
         return "" if self.scene in scenes() else super().missing(held)
 
 
@@ -48,7 +48,7 @@ def compute(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def simulated(name: str) -> Trajectory:
-    """Simulate a scene, whose driver writes the same script when it is asked again.
+    """Simulate a scene, and check that its driver is repeatable.
 
     Raises
     ------

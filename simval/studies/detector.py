@@ -50,6 +50,7 @@ from simval.poses import PARAMETERS
 from simval.results import Outcome, Row, Rows, exact, nees, unjudged
 from simval.scene import Trajectory, simulate_cached
 from simval.shapes import Float, Int
+from simval.spelling import counted
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import (
@@ -118,7 +119,7 @@ class Parameters(StudyParameters):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tumble:
-    """A trajectory at the rate of a log, and what is still in it."""
+    """A trajectory at the rate of a log, and which rows of it are at rest."""
 
     time: Float[Array, " n"]  # seconds
     force: Float[Array, "n 3"]  # true specific force, sensor axes, m/s^2
@@ -180,7 +181,7 @@ def score(
 
 
 def pure(intervals: Intervals, still: Mask) -> Mask:
-    """Return which intervals hold still rows only."""
+    """Mask of the intervals that contain only rows at rest."""
     return _count(still, intervals) == interval_counts(intervals)
 
 
@@ -193,7 +194,7 @@ def _count(rows: Mask, intervals: Intervals) -> Places:
 def detect(
     raw: Float[Array, "n 3"], multiplier: float, window: int, trim: int
 ) -> tuple[Intervals, Float[Array, " n"], float]:
-    """Find the static intervals of a log as for a user's log."""
+    """Find the static intervals as in a user's log."""
     minimum = window // 2
     spread = variance_magnitude(raw, window)
     rest = initial_rest(raw, None, window, minimum, spread)
@@ -202,14 +203,14 @@ def detect(
 
 
 class Rests(NamedTuple):
-    """Rests of a trial, as a detector found them."""
+    """Rests of a trial, as the detector found them."""
 
     means: Float[Array, "m 3"]  # raw units
     counts: Places  # samples of each, (m,)
     off: Float[Array, " m"]  # of the mean of the true force, from g, m/s^2
 
     def moved(self, noise_std: float) -> float:
-        """What that may add to a normalised square."""
+        """Increase of a normalised square by motion within the rests."""
         return np.sum(self.counts * (self.off / noise_std) ** 2)
 
 
@@ -307,7 +308,7 @@ def _rows(
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the readings of a cell with these parameters."""
+    """File of the readings of a cell."""
     return f"static-{named['scene']}-{named['noise_std']:g}-{named['trim']}.npz"
 
 
@@ -330,7 +331,7 @@ def _artifact(
 
 
 class KnownRests(NamedTuple):
-    """A signal and what is to be found in it."""
+    """A signal, and the rests to be found in it."""
 
     samples: Float[Array, "n 3"]
     intervals: Int[Array, "m 2"]
@@ -338,7 +339,7 @@ class KnownRests(NamedTuple):
 
 
 def known_rests(multiplier: float, window: int, trim: int) -> KnownRests:
-    """The signal for a detector with these settings."""
+    """Make a signal for a detector with these settings."""
     half, move = window // 2, window + 9
     first = 2 * (half + trim) + 10 * window  # even, like all of them
     length = first - 6 * window
@@ -366,7 +367,7 @@ def known_rest_rows(
     counts: Callable[..., Any],
     settings: tuple[float, int, int],
 ) -> Rows:
-    """Rows of a detector, and of the means and counts of what it finds."""
+    """Rows that test a detector, and means and counts of what it finds."""
     if not MULTIPLIERS[0] <= settings[0] <= MULTIPLIERS[1]:
         return ()
     known = known_rests(*settings)
@@ -393,11 +394,11 @@ def _alternating(count: int, amplitude: float) -> Float[Array, "n 3"]:
 
 
 def _intervals(content: Mapping[str, Array]) -> str:
-    """Number of detected intervals, and of true ones."""
+    """Say how many intervals were found, and how many true rests there are."""
     found, true = len(content["intervals"]), len(content["truth"])
     if not true:
-        return f"{found} intervals, and the sensor is never truly at rest."
-    return f"{found} intervals; there are {true} true rest{'s' * (true > 1)}."
+        return f"{counted(found, 'interval')}, and the sensor is never truly at rest."
+    return f"{counted(found, 'interval')} found, of {counted(true, 'true rest')}."
 
 
 FIGURES = (

@@ -1,4 +1,4 @@
-r"""Diagnosis: sound logs that are accused, and faults that are named.
+r"""Diagnosis: sound logs must pass, and faults must be named.
 
 Each trial draws the rests of a sensor (`simval.studies.rest_sets`), as their rows would
 be recorded, and asks `simval.imu.explain.judge` of them: of sound logs of many kinds,
@@ -81,7 +81,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Fault]]] = MappingProxyType({
     "in no catalogue": UNLISTED,
 })  # fmt: skip
 SOUND_LOGS: Final = 16  # of each kind to one with a fault, which takes 100 times longer
-UNIFORM: Final = 512  # logs of known noise: their mean chance is then told to 0.013
+UNIFORM: Final = 512  # logs of known noise: enough to know their mean chance to 0.013
 ACROSS: Final = 5.0  # times the noise along gravity, of means of known noise
 ODDS: Final = 10.0  # at which Markov's bound is asked where it counts
 SELDOM: Final = 1e-5
@@ -182,12 +182,12 @@ Most = Callable[[int], int]  # of so many logs
 
 
 def by_markov(rate: float, n: int) -> int:
-    """Most of n logs, each of which has at most this chance."""
+    """Largest plausible count among n logs, each with at most this chance."""
     return int(np.ceil(scipy.special.bdtrik(1.0 - SELDOM, n, rate)))
 
 
 def as_counted(k: int, of: int, n: int) -> int:
-    """Most of n logs where k were of so many, by eq. (DG1)."""
+    """Largest plausible count among n logs, where k of others were counted, (DG1)."""
     j = np.arange(n + 1.0)
     a, b = k + 0.5, of - k + 0.5
     ln = scipy.special.betaln(a + j, b + n - j) - scipy.special.betaln(a, b)
@@ -197,7 +197,7 @@ def as_counted(k: int, of: int, n: int) -> int:
 
 
 def held(what: Statistic, hits: Sequence[bool], most: Most, predictor: str) -> Rows:
-    """Share of some trials, held to the most that may be so; reported if all may."""
+    """Share of trials, judged against the largest plausible one."""
     n, share = len(hits), np.mean(hits)
     if most(n) < n:
         return limit(what, share, most(n) / n, predictor, n)
@@ -205,7 +205,7 @@ def held(what: Statistic, hits: Sequence[bool], most: Most, predictor: str) -> R
 
 
 def again(what: Statistic, hits: Sequence[bool], k: int, of: int) -> Rows:
-    """Share of some trials, held to the k of so many that were counted once."""
+    """Share of trials, judged against an earlier count of k."""
     return held(what, hits, partial(as_counted, k, of), stat.COUNTED)
 
 
@@ -260,7 +260,7 @@ STANDINGS: Final[Mapping[str, Family]] = MappingProxyType({
 
 
 def standing(judgement: Judgement, kinds: frozenset[Kind]) -> str:
-    """Which of `STANDINGS` a judgement is, of a log with faults of these kinds."""
+    """Classify a judgement of a log that has faults of these kinds."""
     if judgement.answer != "refusal":
         return "unnamed"
     said = [finding.explanation.kinds for finding in judgement.candidates]

@@ -125,7 +125,7 @@ class Scenario:
         self.rests = self.felt(wanted.force, wanted.field)
 
     def outside(self, force_std: float, rests: Problem) -> str:
-        """Why theory ends before these noises; empty if it does not."""
+        """Say why theory does not hold with this noise; empty if it does."""
         multiplier, window, trim = SETTINGS
         # what is below the threshold with noise, is so without
         most = CHANCE * multiplier * np.sqrt(3.0) * force_std**2
@@ -145,13 +145,13 @@ class Scenario:
         return ""
 
     def felt(self, force: Array, field: Array) -> tuple[Array, Array]:
-        """Readings of both sensors."""
+        """Readings of both sensors without noise."""
         quiet = np.random.default_rng(0)  # draws nothing
         body, iron = self.sensors
         return body.distort(force, quiet), iron.distort(field, quiet)
 
     def problem(self, q: Float[Array, "m 4"], std: Std) -> Problem:
-        """Poses of these attitudes at the truth, for theory."""
+        """The poses of these attitudes, at the truth, for theory."""
         return problem_of(
             *self.sensors, q, self.dip, *std,
             g=self.tumble.g, field=1.0, form="triangular",
@@ -160,7 +160,7 @@ class Scenario:
     def drawn(
         self, raw: Float[Array, "n 3"], noise: Std, mean: Std, rng: np.random.Generator
     ) -> "Readings":
-        """Readings of a trial, by the noise of samples and that of a mean at rest."""
+        """Draw the readings of a trial."""
         intervals, _, _ = detect(raw, *SETTINGS)
         counts = interval_counts(intervals)
         std = np.stack([each / np.sqrt(counts) for each in noise])
@@ -179,7 +179,7 @@ class Scenario:
         )  # fmt: skip
 
     def calibrated(self, drawn: Sequence["Readings"]) -> Float[Array, "t 3 22"]:
-        """Both sensors from the accelerometer's noise, the magnetometer's, and both.
+        """Calibrate with noise in the accelerometer, the magnetometer, and both.
 
         Of each trial; those with as many rests are one batch.
         """
@@ -203,7 +203,7 @@ class Scenario:
     def directions(
         self, fitted: Float[Array, "t 3 22"], noisy: tuple[Array, Array]
     ) -> Float[Array, "t 2 5 n 3"]:
-        """Gravity and field with one source of error each, and with all, as `PARTS`."""
+        """Gravity and field with each source of error alone, and all (`PARTS`)."""
         a, b, both = fitted[:, 0], fitted[:, 1], fitted[:, 2]
         body, iron = self.sensors
         true = np.concatenate([body.parameters, iron.M.ravel(), iron.b, [0.0]])
@@ -226,14 +226,14 @@ class Scenario:
     def estimates(
         self, directions: Float[Array, "t 2 5 n 3"]
     ) -> Float[Array, "t 5 n 4"]:
-        """Attitudes."""
+        """Attitudes from these directions."""
         b1, b2 = directions[:, 0], directions[:, 1]
         r1, r2 = (np.broadcast_to(r, b1.shape) for r in (UP, self.wanted.field_world))
         return two_vector_quaternion(b1, b2, r1, r2, "best")
 
 
 class Readings(NamedTuple):
-    """Means of a trial: of the accelerometer, then of the magnetometer."""
+    """Pose means of a trial, accelerometer first."""
 
     intervals: Intervals
     std: Float[Array, "2 m"]  # of the means over them
@@ -242,7 +242,7 @@ class Readings(NamedTuple):
     rests: tuple[Array, Array]  # of the second tumble, with noise
 
     def mixed(self, sensor: int) -> Float[Array, "3 m 3"]:
-        """A sensor's with noise of the first sensor alone, of the second, of both."""
+        """Means of one sensor with noise in the first, in the second, and in both."""
         return np.stack(
             [(self.quiet, self.noisy)[k][sensor] for k in (sensor == 0, sensor, 1)]
         )
@@ -286,7 +286,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     step = compose(conjugate(wanted.q), estimates[:, -1])
     rotation = 2.0 * step[..., :3] * np.sign(step[..., 3:])
     measured = np.mean(attitude_error(estimates, wanted.q) ** 2, axis=2).T
-    # below zero only by rounding, of what is nothing beside the rest
+    # below zero only by rounding of a negligible part
     predicted = np.maximum(np.linalg.trace(parts).mean(axis=1).T, 0.0)
     square = mean_of(np.mean(normalised_squares(rotation, parts[:, :, -1]), axis=1))
     g, whole = scenario.tumble.g, np.maximum(stds.max(axis=1), mean_std)

@@ -1,4 +1,4 @@
-r"""A user-supplied attitude estimator: its errors against cubature and the bound.
+r"""A user's attitude estimator: its errors against cubature and the bound.
 
 The plug-in's conventions are probed without noise first, at generic attitudes. At the
 classes of attitudes where estimators break (`simval.plugins.attitudes`) the share of
@@ -158,7 +158,7 @@ Trials = tuple[Sums, Float[Array, "n p"]]
 
 
 class Attitudes(Problem[Estimator, float, Trials]):
-    """Attitudes from noisy vectors: one geometry, under noise of one shape."""
+    """Attitudes from noisy vectors: one geometry with one shape of noise."""
 
     kind = Estimator
 
@@ -186,11 +186,11 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     @property
     def size(self) -> tuple[int, str]:
-        """Its samples."""
+        """Number of samples."""
         return self.parameters.samples, "samples"
 
     def probe(self) -> float:
-        """Greatest error without noise, rad."""
+        """Largest error without noise, rad."""
         asked = self.plugin if self.claims else replace(self.plugin, covariance=None)
         return probe_estimator(asked, self.parameters.vectors, self.noise)
 
@@ -208,7 +208,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return sums, first[0]
 
     def again(self, answers: Trials) -> Again:
-        """The first block."""
+        """The first block, to be repeated, and how far it may differ."""
         _, first = answers
         vectors, most = self.first_block(), np.full(first.shape, np.inf)
         most[:, :3] = TOLERANCE / self.sine
@@ -217,7 +217,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return first, lambda k: self.errors(vectors[k], self.noise_std), most
 
     def rows(self, probed: float, answers: Trials) -> Rows:
-        """All rows of an estimator's cell."""
+        """All rows of the cell."""
         plugin, noise, sums = self.plugin, self.noise_std, answers[0]
         measured, rounding = moments_of(sums), probed / self.sine
         cubatures = self.cubature(noise, DEGREE), self.cubature(noise, DEGREE - 2)
@@ -255,18 +255,18 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return tuple(rows)
 
     def call(self) -> Call:
-        """Attitudes of the first block."""
+        """Attitudes of the first block, to be timed."""
         vectors = list(np.moveaxis(self.first_block(), 1, 0))
         return raw_attitudes, (vectors, self.noise.at(self.noise_std)), BLOCK
 
     @property
     def sine(self) -> float:
-        """Sine between its references, by which rounding turns an estimate more."""
+        """Sine between the references, by which rounding grows."""
         return TOLERANCE / allowed([v[None] for v in self.truth])[0]
 
     @property
     def weighs(self) -> bool:
-        """True if its attitudes depend on the stated noise."""
+        """True if the attitudes depend on the stated noise."""
         given = [np.repeat(v[None], HEEDED, axis=0) for v in self.truth]
         return bool(self.plugin.reads) and depends_on_noise(
             self.plugin, given, covariance=False
@@ -274,13 +274,13 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     @property
     def claims(self) -> bool:
-        """True if it gives a covariance, and is given the noise that this needs."""
+        """True if it states a covariance and knows the noise needed for that."""
         knows = bool(self.plugin.reads) or self.noise.one_number
         return not self.noise.extreme and self.plugin.covariance is not None and knows
 
     @property
     def coupling(self) -> float:
-        r"""By how much noise along the vectors may add to a second-order bias.
+        r"""Relative effect of noise along the vectors on the second-order bias.
 
         Noise along a vector weighs it, and turns the estimate as far as it moves with
         the noise across. With c_i the covariance of both and l_i the least variance
@@ -309,7 +309,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return wahba_bound(self.q, self.references, noise).rotation
 
     def drawn(self, count: int, rng: np.random.Generator) -> Float[Array, "count m 3"]:
-        """Vectors of some trials."""
+        """Draw the vectors of some trials."""
         normal = rng.standard_normal((count, *self.truth.shape))
         noise = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
         return self.truth + noise
@@ -326,7 +326,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def errors(
         self, vectors: Float[Array, "n m 3"], noise_std: float
     ) -> Float[Array, "n p"]:
-        """Errors of some trials, their normalised squares if claimed, and `SQUARES`."""
+        """Errors of some trials, their NEES if claimed, and `SQUARES`."""
         rows, noise = list(np.moveaxis(vectors, 1, 0)), self.noise.at(noise_std)
         q = quaternions_of(self.plugin, rows, noise)
         error = rotation_error(q, self.q, self.plugin.side)
@@ -341,7 +341,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return np.concatenate(columns, axis=1)
 
     def cubature(self, noise_std: float, degree: int) -> MeanAndCovariance:
-        """Mean and covariance of `errors` under the noise."""
+        """Mean and covariance of `errors` by cubature."""
         noisy = self.noise.noisy
 
         def errors(*vectors: Float[Array, "n 3"]) -> Float[Array, "n p"]:
@@ -359,7 +359,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return -moments.bias, moments.covariance
 
     def nodes(self, noise_std: float, degree: int) -> Float[Array, "n m 3"]:
-        """The vectors that this cubature tries, by the same symmetric roots."""
+        """Vectors at the nodes of the cubature."""
         noisy = self.noise.noisy
         points = smolyak_hermite(3 * len(noisy), degree)[0].reshape(-1, len(noisy), 3)
         every = np.repeat(self.truth[None], len(points), axis=0)
@@ -371,14 +371,14 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def frames(
         self, noise_std: float, degree: int
     ) -> tuple[Float[Array, "n 4"], Float[Array, "n 4"]]:
-        """The closed form at the nodes: in the truth's best frame and in their own."""
+        """Closed form at the nodes, in the truth's best frame and in each node's."""
         vectors = np.concatenate([self.truth[None], self.nodes(noise_std, degree)])
         columns = column_matrix(np.moveaxis(vectors, 0, 2), symmetric=False)
         best = np.argmax(np.einsum("kin,kin->kn", columns, columns), axis=0)
         return columns[best[0]].T[1:], columns[best, :, np.arange(len(best))][1:]
 
     def choice(self, noise_std: float, degree: int) -> Float[Array, "2"]:
-        """Effect of the choice of a frame on the closed form's moments, by cubature."""
+        """Effect of choosing a frame at each node on the closed form's moments."""
         if self.plugin.kind != "closed form":
             return np.zeros(2)
         weights = smolyak_hermite(3 * len(self.noise.noisy), degree)[1]
@@ -392,13 +392,13 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     @property
     def weights(self) -> float:
-        """Sum of the sizes of the weights of cubature: what rounding grows by."""
+        """Sum of the absolute weights of the cubature, which amplifies rounding."""
         _, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
         return np.abs(weights).sum()
 
     @property
     def scatter(self) -> float:
-        """Two deviations of a mean of node times rounding, of a deviation of one."""
+        """Two deviations of the cubature's mean of nodes times rounding of size one."""
         points, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
         return 2.0 * float(np.linalg.norm(weights[:, None] * points))
 
@@ -467,7 +467,7 @@ class Parameters(AlgorithmParameters):
     @model_validator(mode="before")
     @classmethod
     def _name_geometry(cls, given: Any) -> Any:
-        """Take vectors and noise of a named geometry; a suite fills in defaults."""
+        """Take vectors and noise from a named geometry."""
         name = given.get("geometry") if isinstance(given, dict) else None
         if not isinstance(name, str) or name not in GEOMETRIES:
             return given
@@ -484,7 +484,7 @@ class Parameters(AlgorithmParameters):
 
     @model_validator(mode="after")
     def _require_noise(self) -> Self:
-        """Check that the noise is of as many vectors, and no vector drowns in it."""
+        """Check that the noise fits the vectors, and that none is lost in it."""
         noise = vector_noise(self.noise, self.vectors, self.noise_std)
         if not noise.std.max() <= MOST_NOISE * (1.0 + 1e-12):
             msg = (
@@ -497,7 +497,7 @@ class Parameters(AlgorithmParameters):
 
 
 def failure_rows(problem: Attitudes) -> Rows:
-    """Share of failures of each class; one that is declared is not judged.
+    """Share of failures in each class; a declared one is not judged.
 
     None is where weights differ so much that they lose the digits of all estimators.
     """
@@ -517,7 +517,7 @@ def failure_rows(problem: Attitudes) -> Rows:
 def bias_rows(
     problem: Attitudes, predicted: MeanAndCovariance, coarser: MeanAndCovariance
 ) -> Rows:
-    """Bias by cubature, and the most that is of second order."""
+    """Bias by cubature, against a bound of second order."""
     mean, covariance = predicted
     unresolved = 2.0 * np.linalg.norm((mean - coarser[0])[:3])
     small = problem.noise.small(SMALL).noise_std
@@ -536,7 +536,7 @@ def bias_rows(
 
 
 def leading_rows(problem: Attitudes, rounding: float) -> Rows:
-    """Rows of moments at a noise and at half of it; `rounding` of one estimate, rad."""
+    """Moments at a small noise and at half of it."""
     near = min(1.0, 10.0 * problem.sine)  # the sums are in h over the sine
     sizes = [problem.noise.small(near * h).noise_std for h in (NOISE, *NEARER)]
     noise = next((h for h in sizes if of_one_formula(problem, h)), None)
@@ -578,7 +578,7 @@ def leading_rows(problem: Attitudes, rounding: float) -> Rows:
 
 
 def of_one_formula(problem: Attitudes, noise: float) -> bool:
-    """True if every node of cubature has the best frame of the truth."""
+    """True if the best frame is the same at every node of the cubature."""
     if problem.plugin.kind != "closed form":
         return True
     return np.array_equal(*problem.frames(noise, DEGREE))
@@ -587,7 +587,7 @@ def of_one_formula(problem: Attitudes, noise: float) -> bool:
 def _predictions(
     problem: Attitudes, noise: float, A: Float[Array, "3 3"]
 ) -> Iterator[tuple[str, Float[Array, "3"], Float[Array, "3 3"]]]:
-    """Theory of second order: of the declared class, and of the plug-in's own series.
+    """Second-order predictions: of the declared class, and of its own series.
 
     Each with its name, on the body side, to which A takes the plug-in's.
     """
@@ -602,7 +602,7 @@ def _predictions(
 
 
 def _least_ratio(covariance: Float[Array, "3 3"], bound: Float[Array, "3 3"]) -> float:
-    """Least variance of any direction over the bound of its variance."""
+    """Smallest ratio of the variance in any direction to its bound."""
     root = np.linalg.cholesky(bound)
     half = np.linalg.solve(root, covariance)
     return np.linalg.eigvalsh(np.linalg.solve(root, half.T))[0]

@@ -1,4 +1,4 @@
-r"""Errors of an attitude estimator over many trials, and what it states of them.
+r"""Errors of an attitude estimator in many trials, and what it states of them.
 
 **Its covariance.** Where the plug-in gives one, and can know the noise that this is of,
 its normalised squared error has the mean 3, up to what the claim leaves out. An exact
@@ -68,7 +68,7 @@ def moment_rows(
     predictor: str,
     left: tuple[float, float],
 ) -> Rows:
-    """Bias and covariance against a prediction, and what each of them leaves out."""
+    """Bias and covariance, against a prediction with its remainders."""
     n, upper = measured.samples, np.triu_indices(3)
     pairs = [
         stat.COVARIANCE(AXES[i], AXES[j], unit="rad²")
@@ -86,7 +86,7 @@ def moment_rows(
 def series_rows(
     measured: Moments, cubature: MeanAndCovariance, second: Moments, fourth: Moments
 ) -> Rows:
-    """Rows of simulated moments against power series of orders 2 and 4."""
+    """Simulated moments, against power series of orders 2 and 4."""
     mean, covariance = cubature[0][:3], cubature[1][:3, :3]
     left = (
         2.0 * np.abs(mean - fourth.bias).max(),
@@ -109,7 +109,7 @@ def size_rows(
     rounding: tuple[float, float],
     chosen: float,
 ) -> Rows:
-    """Rows of sums, against cubature and the next lower one.
+    """Size of the errors, against cubature of two degrees.
 
     `least` is the trace of the bound, rad^2; `rounding` that of one estimate, rad, and
     how many times cubature makes it. The choice of a frame adds so much to the second
@@ -142,7 +142,7 @@ def size_rows(
 def _tail_row(
     square: float, n: int, cubature: MeanAndCovariance, coarse: Float[Array, "2"]
 ) -> Rows:
-    """Mean square over cubature's, with the standard error that cubature gives it.
+    """Mean square over that by cubature, with cubature's standard error.
 
     The trials' own is no measure: rare ones that are far off make both great.
     """
@@ -163,7 +163,7 @@ def _difference_rows(
     rounding: float,
     weights: float,
 ) -> Rows:
-    """RMS error against that of least squares, by eq. (D1)."""
+    """RMS error against that of least squares, eq. (D1)."""
 
     def difference(squares: Float[Array, "2"]) -> float:
         # a cubature has negative weights: of what jumps its sum may be negative, too
@@ -188,7 +188,7 @@ def _difference_rows(
 
 
 def unit_rows(truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]) -> Rows:
-    """Test of the mean and mean square of some trials against unit length."""
+    """Mean and mean square of some trials, against unit length."""
     # with the truth's sign
     error = truth - np.copysign(1.0, attitudes @ truth)[:, None] * attitudes
     estimate = truth - error
@@ -201,7 +201,7 @@ def unit_rows(truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]) -> Rows:
 
 
 def claim_off(moments: MeanAndCovariance) -> float:
-    """Relative error of the mean normalised square, whose true value is 3."""
+    """Relative error of the mean normalised square, which should be 3."""
     return moments[0][3] / 3.0 - 1.0
 
 
@@ -214,7 +214,7 @@ def claim_rows(
     covariance: Float[Array, "3 3"],
     rounding: float,
 ) -> Rows:
-    """Mean normalised square, and whether the claimed order is true.
+    """Mean normalised square, and a test of the claimed order.
 
     The claim is `off` by cubature, as far as that resolves, and by `half` at half the
     noise; the covariance is that of the errors, `rounding` what cubature makes of that

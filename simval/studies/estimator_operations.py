@@ -1,4 +1,4 @@
-"""Operations of one attitude, counted by numbers that count, and its rounding.
+"""Operations for one attitude, counted by special numbers, and its rounding.
 
 What an estimator gives as `arithmetic` is its method on numbers of any class. Here they
 are numbers that count additions, products, divisions and roots, of unit vectors and of
@@ -49,7 +49,7 @@ KINDS: Final = ("sums", "products", "divisions", "roots")
 
 
 class Counted:
-    """A real number whose arithmetic is counted."""
+    """A real number that counts the operations made with it."""
 
     __slots__ = ("value",)
     value: float
@@ -59,7 +59,7 @@ class Counted:
         self.value = value.value if isinstance(value, Counted) else float(value)
 
     def sqrt(self) -> "Counted":
-        """Square root; also what `numpy.sqrt` of an array of them calls."""
+        """Square root; `numpy.sqrt` calls this for arrays of such numbers."""
         Counted.done["roots"] += 1
         return Counted(self.value**0.5)
 
@@ -107,7 +107,7 @@ for work, kind in (
 
 
 def operation_rows(plugin: Estimator, vectors: int) -> Rows:
-    """Rows of a plug-in's operations; none if it gives no `arithmetic`.
+    """Number of operations; none if the plug-in gives no `arithmetic`.
 
     The fewest, median and most of all problems, and the kinds of the median one.
     """
@@ -143,7 +143,7 @@ PROMISED: Final = 1e-3
 
 
 def rounding_rows(plugin: Estimator, vectors: int, noise: VectorNoise) -> Rows:
-    """Rows of the greatest error without noise at each sine, of two free vectors.
+    """Largest error without noise, for each angle between two vectors.
 
     It is pi where an answer is no attitude.
     """
@@ -166,7 +166,7 @@ def rounding_rows(plugin: Estimator, vectors: int, noise: VectorNoise) -> Rows:
 def _counted(
     plugin: Estimator, vectors: Vectors
 ) -> tuple[Float[Array, "n ..."], Int[Places, "n 4"]]:
-    """Answers of `arithmetic`, one row at a time, and the operations of each."""
+    """Answers of `arithmetic` row by row, with the operations of each."""
     assert plugin.arithmetic is not None
     number = np.frompyfunc(Counted, 1, 1)
     answers, counts = [], []

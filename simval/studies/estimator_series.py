@@ -1,4 +1,4 @@
-r"""An estimator evaluated on truncated power series in the noise.
+r"""An estimator evaluated on power series in the noise.
 
 One that is made of plain arithmetic answers series as it answers numbers
 (`simval.theory.series`), and so gives its own bias and covariance. With
@@ -62,7 +62,7 @@ def _answer(
     truth: list[Array],
     noise: VectorNoise,
 ) -> NDArray[np.object_]:
-    """Answer to vectors of power series, (3,) each; their coefficients cross."""
+    """Answer of the estimator to vectors of power series."""
     tables = vectors[0][0].algebra
     given = np.array([[each.coefficients for each in v] for v in vectors])
     size = (tables.dimension, tables.degree)
@@ -82,7 +82,7 @@ def _terms(
     truth: list[Array],
     noise: VectorNoise,
 ) -> tuple[Float[Array, "... t"], Mask]:
-    """Terms of its answer to power series, and which entries are plain numbers."""
+    """Terms of the answer as power series, and which entries are plain numbers."""
     tables = algebra(*size)
     rows = [[Series(own, tables) for own in v] for v in given]
     vectors = [np.array([v], dtype=object) for v in rows]

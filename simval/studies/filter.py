@@ -1,4 +1,4 @@
-r"""Attitude filter: its errors over many trials against its covariance and the bound.
+r"""Attitude filter: its errors in many trials, against its covariance and the bound.
 
 A scenario is recorded once (`simval.studies.filter_scenarios`); over it each trial
 draws the noise of all sensors, a bias of the gyroscope that walks, and the attitude
@@ -99,7 +99,7 @@ filter adds to it; less than 1e-15 of that is lost in rounding, and singular."""
 
 
 class Filtering(Problem[Filter, str, Answers]):
-    """Attitudes of a body over time, from noisy readings of a scenario."""
+    """Attitudes over time from noisy readings of a scenario."""
 
     kind = Filter
 
@@ -125,24 +125,24 @@ class Filtering(Problem[Filter, str, Answers]):
 
     @property
     def size(self) -> tuple[int, str]:
-        """The rows of all trials."""
+        """Number of rows of all trials."""
         return len(self.draws) * BLOCK * len(self.way.dt), "rows"
 
     def probe(self) -> str:
-        """World of the filter, as it is found without noise."""
+        """World of the filter, found without noise."""
         # of our own a test knows it; it takes as long as the trials do
         own = self.parameters.reference and self.plugin.world
         return own or find_world(self.plugin, self.told, self.parameters.rate).world
 
     def trials(self, probed: str) -> Answers:
-        """Answers for all trials at the instants; some are repeated as they run."""
+        """Answers for all trials at the instants."""
         answers = answers_of(self.plugin, probed, self.way, self.draws)
         if self.plugin.magnetometer or "start" in self.plugin.reads:
             return answers
         return answers.from_its_own_heading()
 
     def rows(self, probed: str, answers: Answers) -> Rows:
-        """Its errors and what it states of them, and what they stand on."""
+        """All rows of the cell: errors, what the filter states, and the draws."""
         parameters, plugin, way = self.parameters, self.plugin, self.way
         right = {"scenario": parameters.named_scenario, "algorithm": REFERENCE}
         told = parameters.model_copy(update=right), plugin.magnetometer
@@ -159,7 +159,7 @@ class Filtering(Problem[Filter, str, Answers]):
         if parameters.reference and not parameters.anywhere and not way.disturbed:
             scenario = parameters.named_scenario
             rows += stated_row(plugin, self.told, probed, (scenario, parameters.rate))
-            if parameters.wrong == Wrong():  # as they do not depend on what it is told
+            if parameters.wrong == Wrong():  # as they do not depend on its settings
                 rows += response_rows(plugin.make, scenario)
         return rows
 
@@ -174,7 +174,7 @@ class Filtering(Problem[Filter, str, Answers]):
         return {artifact_of(self.parameters.named()): content}
 
     def call(self) -> Call:
-        """A rest of a second and a turn of another."""
+        """A rest of one second and a turn of one second, to be timed."""
         given = path(self.told, self.parameters.rate, 1.0, 1.0).given
         return run_once, (given,), len(given.dt)
 
@@ -229,24 +229,24 @@ class Parameters(AlgorithmParameters):
 
     @model_validator(mode="after")
     def _require_scenario(self) -> Self:
-        """Check that there is such a scenario, at a rate that it can have."""
+        """Check that the scenario exists at this rate."""
         scenario_of(self.scenario)
         steps_of(ROWS, self.rate, self.seconds)
         return self
 
     @property
     def named_scenario(self) -> str:
-        """Name of the scenario alone."""
+        """Name of the scenario, without what is wrong in it."""
         return scenario_of(self.scenario)[0]
 
     @property
     def course(self) -> Course:
-        """Readings of ideal sensors in the scenario."""
+        """Motion of the scenario, as ideal sensors read it."""
         return course(self.named_scenario, self.rate, self.seconds)
 
     @property
     def wrong(self) -> Wrong:
-        """Wrong settings of the filter, or errors that a calibration left."""
+        """Wrong settings of the filter, or errors left by a calibration."""
         return scenario_of(self.scenario)[1]
 
     @property
@@ -256,18 +256,18 @@ class Parameters(AlgorithmParameters):
 
     @property
     def reference(self) -> bool:
-        """True for the package's own filter, whose errors theory predicts."""
+        """True for the package's own filter, whose errors are predicted."""
         return self.algorithm == REFERENCE
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the attitudes of a cell with these parameters."""
+    """File of the attitudes of a cell."""
     words = repr(sorted(named.items())).encode()
     return f"filter-{sha256(words).hexdigest()[:16]}.npz"
 
 
 def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
-    """The sensors as they are."""
+    """The sensors as they really are."""
     wrong = parameters.wrong
     return Imperfect(
         gyroscope_noise=float(np.radians(parameters.angle_random_walk)),
@@ -282,13 +282,13 @@ def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
 
 
 def told_of(parameters: Parameters, way: Course) -> Told:
-    """Settings given to the filter."""
+    """Settings that the filter is given."""
     return parameters.wrong.told(sensors_of(parameters, way).told(way))
 
 
 @lru_cache(maxsize=16)  # cells differ in what is wrong, and in the filter
 def least_of(right: Parameters, magnetometer: bool) -> FilterPrediction:
-    """Errors of the reference filter of right settings, of which none is disturbed."""
+    """Errors of the reference filter with right settings and no disturbance."""
     way = right.course
     sensors, (kept, late) = sensors_of(right, way), instants(len(way.dt))
     told = sensors.told(way)
@@ -301,7 +301,7 @@ def answers_of(
     way: Course,
     draws: Sequence[Simulated],
 ) -> Answers:
-    """Answers to the readings of each block, whose biases are beside them."""
+    """Run the filter over the readings of each block."""
     kept, late = instants(len(way.dt))
     given = joined([readings for readings, _ in draws])
     return Answers(
@@ -314,7 +314,7 @@ def answers_of(
 
 
 def joined(parts: list[FilterInput]) -> FilterInput:
-    """Trials of several blocks together."""
+    """Join the trials of several blocks."""
     several = ("gyroscope", "accelerometer", "magnetometer", "start")
     whole: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts])
@@ -324,7 +324,7 @@ def joined(parts: list[FilterInput]) -> FilterInput:
 
 
 def instants(steps: int) -> tuple[Places, Places]:
-    """Rows that are kept, the instants and the row before each, and places of them."""
+    """Rows to keep (each instant and the row before it), and where instants are."""
     late = np.unique(np.linspace(0, steps - 1, INSTANTS + 1).astype(np.intp)[1:])
     late = late[late > 0]
     kept = np.unique(np.concatenate([late - 1, late]))
@@ -337,7 +337,7 @@ def measured_rows(
     answers: Answers,
     known: list[tuple[FilterPrediction, Float[Array, " i"]]],
 ) -> Rows:
-    """Rows of a filter's answers, against the bound and what theory predicts.
+    """Rows about a filter's answers, against the bound and predictions.
 
     `known` is that of right settings and of those that are told, with the square of the
     second order of each.
@@ -361,7 +361,7 @@ def measured_rows(
     found = beyond(rows, moved("the second order", left.max()) or turned)
     if not parameters.reference or parameters.anywhere:
         return found
-    if turned or not judged:  # else it is what is said above
+    if turned or not judged:  # else the row above has it
         carried = predicted_rows(answers, theory, first_order, left_of_told)
         # a start's is forgotten slowly; what goes on through a run counts by its mean
         most = max(left.max(), left_of_told.mean())
@@ -372,7 +372,7 @@ def measured_rows(
 
 
 def moved(cause: str, square: float, law: str = "theory") -> str:
-    """Why a law does not hold: an estimate is moved too far; empty where it holds."""
+    """Say that a law does not hold as an estimate is moved too far; else empty."""
     by = np.sqrt(max(square, 0.0))
     why = f"{cause} may move an estimate by {by:.2g} standard deviations; {law}"
     return f"{why} holds up to {MOST_MOVED:g}" if by > MOST_MOVED else ""

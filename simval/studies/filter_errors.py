@@ -1,4 +1,4 @@
-r"""Errors of an attitude filter over many trials, and what it states of them.
+r"""Errors of an attitude filter in many trials, and what it states of them.
 
 Where the filter is told the truth and nothing disturbs it, its normalised squared error
 (NEES) must have the mean that chi-square gives, 3 for the attitude and 6 with the bias,
@@ -84,7 +84,7 @@ ONE: Final = "one form"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Answers:
-    """Answers of a filter at some instants, each with the row before, and the truth."""
+    """Answers of a filter at some instants and the rows before, with the truth."""
 
     found: FilterOutput
     truth: Float[Array, "k 4"]  # at the rows that were kept
@@ -105,11 +105,11 @@ class Answers:
 
     @cached_property
     def angle(self) -> Float[Array, "n i"]:
-        """Their sizes."""
+        """Sizes of the attitude errors, rad."""
         return np.linalg.norm(self.error, axis=-1)
 
     def from_its_own_heading(self) -> "Answers":
-        """The same, each trial turned about the vertical so that it starts right."""
+        """The answers, each trial turned so that its first heading is right."""
         q, first = self.found.attitude, self.late[0]
         heading, _ = heading_and_inclination(q[:, first], self.truth[first])
         back = np.zeros((len(q), 1, 4))
@@ -120,18 +120,18 @@ class Answers:
         return replace(self, found=replace(self.found, attitude=turned), shifted=True)
 
     def whitened(self, rows: Places) -> Float[Array, "n i m"] | None:
-        """Innovations of some rows over their covariance, where they are stated."""
+        """Innovations of some rows, whitened by their stated covariance."""
         nu, S = self.found.innovation, self.found.innovation_covariance
         return None if nu is None or S is None else whitened(nu[:, rows], S[:, rows])
 
     @cached_property
     def innovations(self) -> Float[Array, "n i m"] | None:
-        """Those of the instants."""
+        """Whitened innovations at the instants."""
         return self.whitened(self.late)
 
     @cached_property
     def squares(self) -> list[tuple[stat.Statistic, int, Float[Array, "n i"]]]:
-        """NEES of the attitude, and with the bias, and NIS, each with its dimension."""
+        """NEES of the attitude, NEES with the bias, and NIS, with their dimensions."""
         found, late, e, white = self.found, self.late, self.error, self.innovations
         each = []
         if found.covariance is not None:
@@ -147,7 +147,7 @@ class Answers:
         return each
 
     def shown(self) -> tuple[Places, list[str]]:
-        """Places of the instants that are shown, among them the last, and times."""
+        """Indices and times of the instants that are shown, the last included."""
         time = self.time[self.late]
         places = np.unique(np.linspace(0, len(time) - 1, SHOWN).astype(np.intp))
         return places, [f"{t:.6g}" for t in time[places]]
@@ -159,7 +159,7 @@ def error_rows(
     judged: bool,
     left: Array | float = 0.0,
 ) -> Rows:
-    """Errors against the bound, heading and inclination apart, in all and at instants.
+    """Errors against the bound, also of heading and inclination and over time.
 
     Judged is that the error reaches the bound.
     """
@@ -198,7 +198,7 @@ def over_bound_rows(
     prediction: Float[Array, " i"],
     predictor: str,
 ) -> Rows:
-    """Errors of the instants over the bound, against a prediction of that."""
+    """Ratio of errors to the bound over time, against its prediction."""
     shown, _ = answers.shown()
     least = np.sqrt(np.linalg.trace(bound))[shown]
     rows = at_each_row(stat.RMS_OVER_BOUND_AT, answers, answers.angle, root_mean_square)
@@ -220,7 +220,7 @@ def consistency_rows(
     left: Array | float = 0.0,
     least: FilterPrediction | None = None,
 ) -> Rows:
-    """NEES, NIS and the correlation of innovations, judged or only shown.
+    """NEES, NIS and correlation of innovations.
 
     A square may have more by the second order, whose own square is `left`, and, as
     theory has it of right settings, `least`, by what averages leave out of the turns.
@@ -260,7 +260,7 @@ def predicted_rows(
     judged: bool,
     left: Array | float = 0.0,
 ) -> Rows:
-    """Errors of the reference filter against what theory says that they are.
+    """Errors of the reference filter, against their prediction.
 
     Judged where the whole error stays small enough for the first order.
     """
@@ -282,7 +282,7 @@ def predicted_rows(
 
 
 def bends(left: Array | float, steady: Array | float) -> Array:
-    """What the second order, of the square `left`, may add to a normalised square.
+    """Increase of a normalised square by the second order.
 
     With a steady error, whose own is given, it has a product that does not average out.
     """
@@ -292,7 +292,7 @@ def bends(left: Array | float, steady: Array | float) -> Array:
 def added(
     theory: FilterPrediction, statistic: stat.Statistic, dimension: int
 ) -> Float[Array, " i"]:
-    """What a normalised square has, beside its dimension, by theory."""
+    """Predicted mean of a normalised square, minus its dimension."""
     if statistic == stat.NIS():  # of all readings, of which a filter may state fewer
         return theory.nis - theory.nis_size
     return theory.nees(dimension) - dimension
@@ -304,7 +304,7 @@ def at_each_row(
     values: Float[Array, "n k"],
     mean: Callable[[Float[Array, "n 1"]], tuple[float, float, int]],
 ) -> Rows:
-    """Rows of each instant that is shown by itself."""
+    """A row for each instant that is shown."""
     shown, at = answers.shown()
     each = [mean(values[:, k : k + 1]) for k in shown]
     value, error, n = zip(*each, strict=True)
@@ -312,7 +312,7 @@ def at_each_row(
 
 
 def lost_row(answers: Answers, judged: bool) -> Rows:
-    """Share of trials that diverge: beyond thirty degrees in their second half."""
+    """Share of diverging trials, off by over thirty degrees in the second half."""
     angle = answers.angle
     share, n = diverged(angle, since=angle.shape[1] // 2).mean(), len(angle)
     if judged:
@@ -328,7 +328,7 @@ def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
 
 
 def budget_rows(answers: Answers, theory: FilterPrediction) -> Rows:
-    """Contribution of each source to the predicted error, where there is one."""
+    """Contribution of each source to the predicted error."""
     rows: list[Row] = []
     shown, at = answers.shown()
     variances = np.linalg.trace(theory.parts[:, :, :3, :3])
@@ -349,7 +349,7 @@ def diagnosis_rows(
     bound: Float[Array, "i 3 3"],
     judged: bool,
 ) -> Rows:
-    """Common error of all trials, by its form, and the stated covariance of parts.
+    """Error common to all trials, by form, and stated covariance of parts.
 
     Judged are an error below the bound and, without a covariance, a form that is most
     of the error.

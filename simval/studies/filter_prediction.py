@@ -1,4 +1,4 @@
-r"""Theory of a filter in a scenario: the bound, and the reference filter.
+r"""Theory of a filter in a scenario: its bound, and the reference filter's error.
 
 And what a filter's rows stand on: the noise drawn, and its covariance without noise.
 
@@ -60,7 +60,7 @@ def prediction(
     magnetometer: bool = True,
     left: Sequence[Error] = (),
 ) -> FilterPrediction:
-    """Error of the reference filter at some rows, by source; of fewer sensors too.
+    """Predict the reference filter's error at some rows, by source.
 
     With what is `left` of calibrations beside the gyroscope's own.
     """
@@ -87,7 +87,7 @@ def prediction(
 
 
 def missed(way: Course) -> Float[Array, "T 3"]:
-    """Rate by which eq. (F9) of true averages misses the turn of a step, rad/s."""
+    """Rate error of eq. (F9) over a step, with true averages, rad/s."""
     S, q = way.rate * way.dt[:, None], way.attitude
     phi = S + np.cross(np.concatenate([np.zeros((1, 3)), S[:-1]]), S) / 12.0
     turn = rotation_vector(compose(conjugate(q[:-1]), q[1:]))
@@ -97,7 +97,7 @@ def missed(way: Course) -> Float[Array, "T 3"]:
 def second_order(
     way: Course, sensors: Imperfect, theory: FilterPrediction, magnetometer: bool = True
 ) -> Float[Array, " k"]:
-    """Square of the second order over the stated deviation, eq. (F15), at its rows."""
+    """Squared ratio of the second order to the stated deviation, eq. (F15)."""
     first = FilterPath(dt=way.dt[:1], attitude=way.attitude[:2])
     model = model_of(sensors.told(way), magnetometer)
     (start,) = filter_prediction(first, model, told=model).second_order
@@ -105,7 +105,7 @@ def second_order(
 
 
 def model_of(told: Told, magnetometer: bool) -> FilterModel:
-    """Filter model of theory from a filter's settings."""
+    """Filter model for theory, from a filter's settings."""
     up: Array = told.gravity * UP
     sensors = {ACCELEROMETER: (up, told.accelerometer_noise)}
     if magnetometer:
@@ -125,7 +125,7 @@ def model_of(told: Told, magnetometer: bool) -> FilterModel:
 def six_axis_bound(
     found: Signals, start: Start, alignment: Alignment
 ) -> dict[str, dict[str, float]] | None:
-    """Least RMS errors of any filter without a magnetometer, rad, by part.
+    """Least RMS errors without a magnetometer, rad, by part.
 
     The posterior Cramer-Rao bound of the filter's settings along the truth, by eq. (F2)
     of `simval.theory.filter_recursion`: the heading at the start is exact, as headings
@@ -164,7 +164,7 @@ def six_axis_bound(
 
 
 def undisturbed(way: Course) -> Course:
-    """The same without disturbances unknown to every filter, for the bound."""
+    """The same motion without disturbances, for the bound."""
     nothing = np.zeros_like(way.iron)
     return replace(way, acceleration=nothing, iron=nothing)
 
@@ -185,7 +185,7 @@ def drawn_filter_rows(
     sensors: Imperfect,
     parts: Sequence[Simulated],
 ) -> Rows:
-    """The noise of each sensor, in units of what the parameters say."""
+    """Noise of each sensor as drawn, relative to the parameters."""
     return drawn_rows([_noise(way, sensors, *part) for part in parts])
 
 
@@ -210,7 +210,7 @@ def _noise(
 def stated_row(
     plugin: Filter, told: Told, world: str, scenario: tuple[str, float]
 ) -> Rows:
-    """The covariance that is stated without noise, against the bound's recursion."""
+    """Covariance stated without noise, against the bound's recursion."""
     way = course(*scenario, SECONDS)
     given = FilterInput(
         dt=way.dt,
@@ -267,7 +267,7 @@ were 3.03 and 3.00; of second order, 2.00."""
 
 
 def response_rows(make: Make, scenario: str) -> Rows:
-    """Covariance by the response to each noise, and as stated; order of the turns."""
+    """Covariance by the response to noise, against the stated one; order of turns."""
     way = course(scenario, RATE, RESPONSE_SECONDS)
     model = model_of(SENSORS.told(way), True)
     path = way.path
@@ -284,7 +284,7 @@ def response_rows(make: Make, scenario: str) -> Rows:
 
 
 def lost(make: Make, scenario: str, rate: float, **more: Any) -> float:
-    """Error to which the rates of a scenario alone lead at last, rad."""
+    """Final error if rates alone are integrated over a scenario, rad."""
     way = course(scenario, rate, RESPONSE_SECONDS)
     sure = {"start_std", "bias_std", "gyroscope_noise", "gyroscope_walk"}
     told = asdict(SENSORS.told(way)) | dict.fromkeys(sure, 0.0)
@@ -294,14 +294,14 @@ def lost(make: Make, scenario: str, rate: float, **more: Any) -> float:
 
 
 class Units(np.random.Generator):
-    """A generator of one unit at a time: trial k has the k-th number alone."""
+    """A fake generator: trial k draws 1 for the k-th number, 0 for all others."""
 
     def __init__(self) -> None:
         super().__init__(np.random.SFC64(0))
         self.given = 0
 
     def standard_normal(self, shape: tuple[int, ...]) -> Array:  # type: ignore[override]
-        """Numbers that many trials draw; the first trial has no noise at all."""
+        """Numbers for many trials; the first trial has no noise."""
         found = np.zeros(shape)
         own = found.reshape(shape[0], -1)
         np.fill_diagonal(own[1 + self.given :], 1.0)
@@ -312,7 +312,7 @@ class Units(np.random.Generator):
 def moved_and_stated(
     make: Make, way: Course
 ) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
-    """Covariance of attitude and bias by the response to each noise, and as stated."""
+    """Covariance by the response to noise, and as stated."""
     told = SENSORS.told(way)
     # of the start, the first bias, and five of each axis of each row
     given, bias = drawn(way, SENSORS, told, 1 + 6 + 15 * len(way.dt), Units())

@@ -1,4 +1,4 @@
-r"""Scenes for an attitude filter, recorded once, and the trials drawn over them.
+r"""Scenarios for an attitude filter: motions recorded once, trials drawn over them.
 
 ================== ===============================================================
 scenario           what happens; the accelerometer reads gravity alone, unless it
@@ -74,7 +74,7 @@ MOST: Final = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Wrong:
-    """Deliberate errors of a scenario; the defaults have none."""
+    """Deliberate errors in a scenario; the defaults have none."""
 
     gyroscope_noise: float = 1.0
     accelerometer_noise: float = 1.0
@@ -85,14 +85,14 @@ class Wrong:
 
     @property
     def M(self) -> Float[Array, "3 3"]:
-        """Matrix by which the gyroscope multiplies a rate."""
+        """Matrix that multiplies the rate in the gyroscope."""
         half = self.turned / 2.0
         axis = np.ones(3) / np.sqrt(3.0)
         q = np.append(np.sin(half) * axis, np.cos(half))
         return (1.0 + self.scale) * attitude_matrix(q)
 
     def told(self, true: Told) -> Told:
-        """Settings given to the filter instead of the truth."""
+        """Settings that the filter is given, from the true ones."""
         return replace(
             true,
             gyroscope_noise=self.gyroscope_noise * true.gyroscope_noise,
@@ -102,7 +102,7 @@ class Wrong:
 
 
 def wrong_of(parts: Sequence[str]) -> Wrong:
-    """Read the words."""
+    """Read deliberate errors from words."""
     found: dict[str, float] = {}
     for part in parts:
         name, _, number = part.rpartition(" ")
@@ -157,12 +157,12 @@ NAMES: Final = tuple(_SCENES)
 
 
 def spelled(text: str) -> str:
-    """One spelling for each scenario: single spaces, a comma and a space between."""
+    """Standard spelling of a scenario."""
     return ", ".join(" ".join(part.split()) for part in text.split(","))
 
 
 def scenario_of(text: str) -> tuple[str, Wrong]:
-    """Name of a scenario, and what is wrong in it."""
+    """Name of the scenario, and the errors in it."""
     name, *parts = text.split(", ")
     if name not in NAMES:
         msg = (
@@ -175,7 +175,7 @@ def scenario_of(text: str) -> tuple[str, Wrong]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course(ReadOnly):
-    """Motion of a scenario, and disturbances of its sensors, row by row.
+    """Motion of a scenario, with disturbances of its sensors, row by row.
 
     The first row of the attitude is before the first step.
     """
@@ -197,23 +197,23 @@ class Course(ReadOnly):
 
     @property
     def path(self) -> FilterPath:
-        """The motion, for theory."""
+        """The motion, as theory takes it."""
         return FilterPath(dt=self.dt, attitude=self.attitude)
 
     @property
     def strength(self) -> float:
-        """Length of the field, T."""
+        """Strength of the field, T."""
         return float(np.linalg.norm(self.magnetic))
 
     @property
     def disturbed(self) -> bool:
-        """True if a sensor has a disturbance unknown to the filter."""
+        """True if a sensor has a disturbance that no filter knows."""
         return bool(np.any(self.acceleration) or np.any(self.iron))
 
 
 @lru_cache(maxsize=16)
 def course(scenario: str, rate: float, seconds: float) -> Course:
-    """Course of a scenario, of so many rows per second and so long.
+    """Motion of a scenario at a rate, for some seconds.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def course(scenario: str, rate: float, seconds: float) -> Course:
 
 
 def steps_of(own: float, rate: float, seconds: float) -> tuple[int, int]:
-    """Rows of the scene in a step, and steps."""
+    """Rows of the scene in one step, and the number of steps."""
     every = round(own / rate)
     if every < 1 or abs(own / every - rate) > 1e-6 * rate:
         msg = f"`rate` is {rate:g} Hz; it must be {own:g} divided by a whole number"
@@ -269,7 +269,7 @@ def _iron(
     magnetic: Float[Array, "3"],
     clock: Float[Array, " T"],
 ) -> Float[Array, "T 3"]:
-    """Field of iron that passes by, in the second third of the time."""
+    """Field of a piece of iron that passes in the second third of the time."""
     if scenario != "magnetic disturbance":
         return np.zeros((len(clock), 3))
     share = np.clip(3.0 * clock / clock[-1] - 1.0, 0.0, 1.0)
@@ -280,19 +280,19 @@ def _iron(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Imperfect:
-    """The sensors as they are: noise, bias, and what a calibration left of theirs."""
+    """The sensors as they are, with noise, bias, and errors left by calibrations."""
 
     gyroscope_noise: float  # N, rad/s/sqrt(Hz)
     gyroscope_walk: float  # K, rad/s^2/sqrt(Hz)
     accelerometer_noise: float  # per axis and row, m/s^2
     magnetometer_noise: float  # per axis and row, T
-    start_std: float  # per axis, rad, of the start that is told
-    bias_std: float  # per axis, rad/s, about the 0 that is told
+    start_std: float  # per axis, rad, of the start that is given
+    bias_std: float  # per axis, rad/s, about the 0 that is given
     M: Float[Array, "3 3"]  # which the gyroscope multiplies rates by; I is right
     calibration_std: float  # of each entry of M about that, a trial's own
 
     def told(self, course: Course) -> Told:
-        """True settings of a filter."""
+        """The true settings for a filter."""
         return Told(
             gyroscope_noise=self.gyroscope_noise,
             gyroscope_walk=self.gyroscope_walk,
@@ -317,7 +317,7 @@ def drawn(
     rng: np.random.Generator,
     anywhere: bool = False,
 ) -> Simulated:
-    """Simulated the noise of some trials."""
+    """Draw the noise of some trials."""
     shape = (count, len(course.dt), 3)
     start = _start(course, sensors.start_std, count, rng, anywhere)
     first = sensors.bias_std * rng.standard_normal((count, 1, 3))

@@ -1,4 +1,4 @@
-r"""Gyroscope: error bars of a calibration between rests, compared with their bound.
+r"""Gyroscope: error bars of a calibration between rests, against the bound.
 
 The gimbal visits poses; every sample of the gyroscope and every pose mean is drawn. The
 accelerometer is calibrated alone, then the gyroscope from the moves between the rests,
@@ -116,14 +116,14 @@ class Parameters(StudyParameters):
 
 
 def true_gyroscope(**more: Any) -> GyroscopeModel:
-    """Gyroscope that is to be recovered."""
+    """The gyroscope that is to be recovered."""
     off = [[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [-0.02, 0.01, -0.01]]
     bias = np.array([0.02, -0.01, 0.03])
     return GyroscopeModel(M=np.eye(3) + np.array(off), B=bias, **more)
 
 
 class Tumble:
-    """A cell's scene at its rate, its sensors, and how a trial is drawn and fitted."""
+    """Scene and sensors of a cell; draws trials and calibrates from them."""
 
     def __init__(self, parameters: Parameters, steps: Any = None) -> None:
         self.parameters = parameters
@@ -161,7 +161,7 @@ class Tumble:
         return Tumble(self.parameters.model_copy(update={"every": every}), self.steps)
 
     def straight_lines(self) -> float:
-        """Error of M from instants with straight lines between, without noise.
+        """Error of M without noise, if samples are joined by straight lines.
 
         An instant is the mean of the two steps of 500 Hz beside it.
         """
@@ -177,7 +177,7 @@ class Tumble:
     def readings(
         self, rng: np.random.Generator, count: int
     ) -> tuple[Float[Array, "t n 3"], Float[Array, "t r 3"]]:
-        """Draw the pose means and the rates of some trials."""
+        """Draw pose means and rates of some trials."""
         std, each = self.pose_std[:, None], self.walk / sqrt(self.every / ROWS)
         poses = self.poses + std * rng.standard_normal((count, *self.poses.shape))
         rows = self.rates + each * rng.standard_normal((count, *self.rates.shape))
@@ -186,7 +186,7 @@ class Tumble:
     def noise(
         self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
     ) -> dict[str, Array]:
-        """Noise of these, in units of what the parameters say."""
+        """Noise of such readings, relative to the parameters."""
         each = np.radians(self.parameters.angle_random_walk) * sqrt(ROWS / self.every)
         return {
             "pose means": (poses - self.poses) / self.pose_std[:, None],
@@ -194,12 +194,12 @@ class Tumble:
         }
 
     def clean(self, rates: Any = None) -> GyroscopeFit:
-        """The calibration without noise, of these rates."""
+        """Calibrate from rates without noise."""
         both = self.poses, self.rates if rates is None else rates
         return self.fitted(*(np.ascontiguousarray(x)[None] for x in both))
 
     def by_scheme(self, clean: GyroscopeFit) -> Float[Array, "3 3"]:
-        """Error of M by what the scheme leaves out of the turn of a chunk.
+        """Error of M by what the integration leaves out of each chunk.
 
         Added to the readings that makes the scheme turn as the truth does, up to the
         next order: the square of a reading's turn times as much (0.08 of it was seen).
@@ -223,7 +223,7 @@ class Tumble:
     def fitted(
         self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
     ) -> GyroscopeFit:
-        """Calibrate from these."""
+        """Calibrate from pose means and rates."""
         inter_rest = inter_rest_rotations(self.time, rows, self.rests, chunk=CHUNK)
         known = self.parameters.estimator == "unweighted"
         acc = calibrate(poses, self.g, residual="weighted", noise_std=self.pose_std)
@@ -244,12 +244,12 @@ class Tumble:
         return fit(recording, estimator=estimator, start=np.eye(3)).gyroscope
 
     def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
-        """Cramer-Rao bound of the gyroscope's twelve; so many segments a rotation."""
+        """Cramér-Rao bound of the gyroscope's twelve parameters."""
         return self.bounds(pieces)[9:, 9:]
 
     @property
     def missed(self) -> float:
-        """Share by which the estimator may miss the bound."""
+        """Share by which the estimator may exceed the bound."""
         if self.parameters.estimator != "generalised":
             return 0.0
         both = np.diagonal(self.bounds()[:9, :9])
@@ -258,7 +258,7 @@ class Tumble:
         return ONE_BY_ONE * np.max(1.0 - both / alone)
 
     def bounds(self, pieces: int = PIECES) -> Float[Array, "21 21"]:
-        """Cramer-Rao bound of both sensors."""
+        """Cramér-Rao bound for both sensors."""
         inter_rest = inter_rest_rotations(
             self.time, self.rates, self.rests, chunk=CHUNK
         )
@@ -371,7 +371,7 @@ def _judged(
 
 
 def _stated_row(clean: GyroscopeFit, data: Tumble) -> Rows:
-    """The covariance that is stated at the truth, against the bound of short pieces."""
+    """Covariance stated at the truth, against the bound."""
     if data.parameters.estimator == "unweighted":  # which does not reach the bound
         return ()
     coarse, fine = (data.bound(pieces) for pieces in (FINE // 2, FINE))
@@ -382,7 +382,7 @@ def _stated_row(clean: GyroscopeFit, data: Tumble) -> Rows:
 
 
 def _integrators(data: Tumble) -> Iterator[Row]:
-    """Error of M without noise, by rate of the rows and what is between them."""
+    """Error of M without noise, by rate and by integration."""
     for rate, every in THINNED.items():
         thinned = data.thinned(every)
         averages = np.abs(thinned.clean().M[0] - data.gyroscope.M).max()

@@ -1,4 +1,4 @@
-r"""Bias ladder and efficiency: the error of each residual of a calibration.
+r"""Bias and efficiency of each residual of a calibration.
 
 Every residual is biased at second order in the noise, and the bias does not fall
 with more poses. For an ideal sensor and many poses the relative bias of the scale,
@@ -80,7 +80,7 @@ class Parameters(StudyParameters):
 
 
 def true_sensor(scale_spread: float) -> AccelerometerModel:
-    """Return an ideal sensor but for its scales."""
+    """A sensor that is ideal except for its scales."""
     scale = np.array([1.0 - scale_spread, 1.0, 1.0 + scale_spread])
     return AccelerometerModel(T=np.eye(3), K=scale, B=np.zeros(3))
 
@@ -156,7 +156,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _efficiency(sd: Array, sd_error: Array, predicted: CalibrationMoments) -> Reduced:
-    """Efficiencies that some standard deviations mean."""
+    """Efficiencies from standard deviations."""
     efficiency = (deviations(predicted.cramer_rao) / sd) ** 2
     return efficiency, 2.0 * efficiency * sd_error / sd
 
@@ -169,7 +169,7 @@ def _rung_rows(
     predicted: CalibrationMoments,
     left: Float[Array, "9"],
 ) -> Rows:
-    """Mean relative bias of the scales, with its standard error, against theory."""
+    """Mean relative bias of the scales, against theory."""
     unit = (parameters.noise_std / G) ** 2
     left_out = (left[3:6] / sensor.K).mean() / unit
     expected = (predicted.bias[3:6] / sensor.K).mean() / unit
@@ -197,7 +197,7 @@ def _scale_rows(
     predicted: CalibrationMoments,
     left: Float[Array, "3"],
 ) -> Rows:
-    """Bias of the three scales along the predicted one; its entries are judged."""
+    """Bias of the three scales, projected on the predicted one."""
     n, bias = pairs.shape[1], predicted.bias[3:6]
     size = np.sqrt(np.mean(bias**2))
     if not size > 0.0:  # theory has none at this order

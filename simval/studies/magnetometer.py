@@ -1,4 +1,4 @@
-r"""Magnetometer: its calibration against the bound, and the coverage of its error bars.
+r"""Magnetometer: its calibration against the bound, and coverage of its error bars.
 
 A set of random attitudes is drawn once for each number of poses, so that predictions
 involve no chance. Each trial adds fresh noise to the pose means of both sensors and
@@ -148,7 +148,7 @@ def true_magnetometer() -> MagnetometerModel:
 
 
 class Scenario:
-    """Both sensors at rest in some attitudes: clean pose means and their noise."""
+    """Both sensors at rest in some attitudes, with clean pose means and their noise."""
 
     def __init__(
         self, poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
@@ -168,13 +168,13 @@ class Scenario:
     def readings(
         self, x: Float[Array, "t d"]
     ) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
-        """Pose means with this noise, in units of its deviation, pose by pose."""
+        """Pose means with this noise, in standard deviations, pose by pose."""
         noise = x.reshape(len(x), 2, -1, 3)
         (body, iron), (first, second) = self.means, self.std
         return body + first * noise[:, 0], iron + second * noise[:, 1]
 
     def fitted(self, body: Array, iron: Array) -> MagnetometerFit:
-        """The calibration, with the stated noise."""
+        """Calibrate with the stated noise."""
         found = fit(
             Recording(
                 poses=body,
@@ -193,7 +193,7 @@ class Scenario:
         )
 
     def equations(self) -> Float[Array, "m d"]:
-        """Whitened noise of the poses' equations.
+        """Whitened derivatives of the poses' equations by the noise.
 
         Those of |u|^2 = 1, |v|^2 = 1 and u'v = -sin(dip), u and v the corrected
         readings over their lengths: differentiated at the truth, and whitened.
@@ -292,7 +292,7 @@ def _moments(seen: Trials, fit: Expanded, predicted: MagnetometerMoments) -> Mea
 def _over_bound(
     seen: Trials, fit: Expanded, recipe: Expanded, predicted: MagnetometerMoments
 ) -> Measured:
-    """Mean square errors over the bound, of the fit and of the two steps."""
+    """Mean square error over the bound, for the fit and for the two steps."""
     bound, left = np.diagonal(predicted.covariance), predicted.variance_remainder
     squares, square_bias = seen["error"] ** 2 / bound, predicted.bias**2 / bound
     off = predicted.bias_remainder
@@ -329,7 +329,7 @@ def _over_bound(
 def _stated(
     seen: Trials, fit: Expanded, equations: Array, predicted: MagnetometerMoments
 ) -> Measured:
-    """Rows on the stated intervals, ellipsoid and residuals."""
+    """Coverage of stated intervals and ellipsoid, and residuals."""
     n, inside, squares = len(seen["square"]), seen["inside"], seen["square"]
     out = (
         f"the second order adds {predicted.bent:.2g} to the normalised square of all "
@@ -372,7 +372,7 @@ def _stated(
 
 
 def _spread_row(error: Float[Array, "t 22"], predicted: MagnetometerMoments) -> Rows:
-    """Standard deviation of M, RMS over its entries, which are judged one by one."""
+    """Standard deviation of M, RMS over its entries."""
     part, n = PARTS["M"], len(error)
     squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
     found = root(n / (n - 1) * squares.mean(), np.std(squares) / np.sqrt(n))
@@ -392,7 +392,7 @@ def _recovery(case: Scenario) -> Rows:
 
 
 def stated_row(case: Scenario, predicted: MagnetometerMoments) -> Rows:
-    """The covariance that the fit states at the truth, against the bound."""
+    """Covariance that the fit states at the truth, against the bound."""
     off = apart(case.fitted(*case.means).covariance, predicted.covariance)
     return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, MET)
 
@@ -400,7 +400,7 @@ def stated_row(case: Scenario, predicted: MagnetometerMoments) -> Rows:
 def response_rows(
     poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
 ) -> Rows:
-    """Rows of theory against the estimate; none for noises too unlike."""
+    """Rows that test theory against the estimate's response to noise."""
     noise = np.array([accelerometer_noise, field_noise]) / LOUD
     if noise.max() > UNLIKE * noise.min():
         return ()

@@ -1,4 +1,4 @@
-r"""Geometries by name: the test cases that estimators of Wahba's problem are held to.
+r"""Named geometries: test cases from the literature on Wahba's problem.
 
 ``markley 1`` to ``markley 12`` are the twelve cases of Markley (1993), "Attitude
 determination using vector observations: a fast optimal matrix algorithm": one
@@ -37,14 +37,14 @@ OPPOSITE: Final = (1, 0, 0), (-0.99712, 0.07584, 0), (-0.99712, -0.07584, 0)
 
 
 class NamedGeometry(NamedTuple):
-    """References, and the noise of each body vector."""
+    """References of a test case, with the noise of each body vector."""
 
     references: tuple[tuple[float, float, float], ...]
     std: tuple[float, ...]
 
     @property
     def settings(self) -> dict[str, float | int | str]:
-        """What the case says of the parameters of a cell."""
+        """Parameters of a cell that the test case sets."""
         most = max(self.std)
         relative = [f"{std / most:.6g}" for std in self.std]
         noise = "body" if min(self.std) == most else " ".join(
@@ -82,7 +82,7 @@ GEOMETRIES: Final[Mapping[str, NamedGeometry]] = MappingProxyType(
 
 
 def named_geometry(name: str) -> tuple[Float[Array, "4"], Float[Array, "k 3"]]:
-    """True quaternion, reference to body, and unit references of a named geometry."""
+    """True quaternion (reference to body) and unit references of a test case."""
     return normalize(TRUTH), normalize(
         np.array(GEOMETRIES[name].references, dtype=float)
     )

@@ -1,4 +1,4 @@
-"""Kinds of noise of unit vectors in the studies: where it acts, and its tails.
+"""Kinds of noise on unit vectors: its direction and its tails.
 
 All have the greatest variance 1 on an axis, so that the studies' `noise_std` is the
 deviation of the worst vector. Noise ``tangent`` to a vector has nothing along it;
@@ -27,7 +27,7 @@ TAILS: Final = (FREEDOM - 2.0) / (FREEDOM - 4.0)
 def noise_roots(
     kind: NoiseKind, vectors: Float[Array, "... k 3"]
 ) -> Float[Array, "... k 3 3"]:
-    """Symmetric root of the covariance of each of some unit vectors."""
+    """Symmetric root of the noise covariance of each unit vector."""
     if kind == "tangent":
         return tangent_projector(vectors)
     sizes = np.array(DEVIATIONS) if kind == "unequal" else np.ones(vectors.shape[-2])
@@ -38,7 +38,7 @@ def noise_roots(
 def noise_covariances(
     kind: NoiseKind, vectors: Float[Array, "... k 3"]
 ) -> Float[Array, "... k 3 3"]:
-    """Covariance of each of some unit vectors."""
+    """Noise covariance of each unit vector."""
     roots = noise_roots(kind, vectors)
     return roots @ roots
 
@@ -46,7 +46,7 @@ def noise_covariances(
 def tails(
     kind: NoiseKind, shape: tuple[int, ...], rng: np.random.Generator
 ) -> Float[Array, "..."]:
-    """Factor of the normal noise of each vector, of this shape: 1 without tails."""
+    """Factor on each vector's normal noise; 1 without heavy tails."""
     if kind != "heavy tails":
         return np.ones(shape)
     return np.sqrt((FREEDOM - 2.0) / rng.chisquare(FREEDOM, shape))

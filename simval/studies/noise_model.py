@@ -1,4 +1,4 @@
-r"""Noise model: accuracy of the measured N, B and K of a sensor against theory.
+r"""Noise model: accuracy of measured N, B and K against theory.
 
 Each trial draws a signal at rest with white noise, flicker and a random walk, and fits
 them (`simval.imu.noise`). The Allan variances are set against the diagonal of (V4); the
@@ -110,7 +110,7 @@ class Parameters(StudyParameters):
 
 
 class Theory:
-    """Theory of a cell, computed before anything is drawn, in units of rows."""
+    """Theory of a cell, computed before anything is drawn."""
 
     def __init__(self, parameters: Parameters) -> None:
         rows, flicker, walk = parameters.rows, parameters.flicker, parameters.walk
@@ -141,7 +141,7 @@ class Theory:
         self.bound = bound[0, 0] * RATE**2  # Whittle's, of N squared
 
     def errors(self, variances: Float[Array, "s m"], estimate: str) -> Array:
-        """Averaged quantities of signals: squared errors over the predicted ones.
+        """Squared errors over prediction, and coverage, for averaging.
 
         Of the estimates, of N against Whittle's bound, of the Allan variances; then
         whether each interval holds the truth.
@@ -164,11 +164,11 @@ class Theory:
 
     @property
     def allan_squares(self) -> Float[Array, " m"]:
-        """Mean square misfits of samples over the variances by (V4)."""
+        """Mean squared misfit of sampled Allan variances over (V4)."""
         return self.share + self.more**2 / np.diagonal(self.covariance)
 
     def allan_error(self, n: int) -> Float[Array, " m"]:
-        """Their standard errors by the law.
+        """Standard errors of that.
 
         A mean square of `freedom` squares has an excess of 12/freedom: the error that
         is seen is the smaller the fewer large squares came; 4 s m^2 is what a known
@@ -240,7 +240,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
-    """Shares of signals that are misjudged: of a Markov bias, of flicker and a walk.
+    """Share of signals in which slow noise is misjudged.
 
     An interval runs over all sets of components that are not told apart, so it misses
     at its rate or more seldom, of either kind of signal: they are counted together. The
@@ -288,7 +288,7 @@ def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> Rows:
-    """Mean of the squares of N, B and K over the truth, by weights that are known."""
+    """Mean of N^2, B^2 and K^2 over the truth."""
     n, sd = len(misfits), np.sqrt(theory.predicted) / theory.truth
     mean = 1.0 + np.mean(misfits @ theory.weights.T / theory.truth, axis=0)
     return plain(
@@ -299,7 +299,7 @@ def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> Rows:
 
 
 def _white_row() -> Rows:
-    """The covariance (V4) of a few rows of white noise against its quadratic forms.
+    """Covariance (V4) of white noise over a few rows, against exact forms.
 
     An Allan variance is y'Ay, and the covariance of two of white noise is 2 tr AB.
     """

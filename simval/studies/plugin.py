@@ -1,4 +1,4 @@
-r"""Measurement of a user's code: one way for estimators, calibrators and filters.
+r"""Measure a user's code, in one way for estimators, calibrators and filters.
 
 A study of an algorithm states a `Problem`: how it is probed, what its trials are, and
 which rows its answers make. What all of them share is here:
@@ -59,7 +59,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=86_400.0)]
 
 
 class PluginParameters(StudyParameters):
-    """Parameters of a study of plug-ins: they know what their code was made of."""
+    """Parameters of a study of plug-ins, with a record of the code."""
 
     if TYPE_CHECKING:
         time_limit: float  # which each study has, after its own parameters
@@ -68,37 +68,37 @@ class PluginParameters(StudyParameters):
 
     @model_validator(mode="after")
     def _note(self) -> Self:
-        """Note what the code is made of, here and now."""
+        """Note what the code consists of, here and now."""
         self._sources = sources(self.word)
         return self
 
     @property
     def word(self) -> str:
-        """Name of the plug-in, with absolute paths of its files."""
+        """Name of the plug-in, with absolute paths."""
         return str(getattr(self, self.plugin))
 
     @property
     def deadline(self) -> float:
-        """Seconds after which the process of the plug-in is ended."""
+        """Time limit of the plug-in's process, s."""
         return self.time_limit
 
     def named(self) -> dict[str, Any]:
-        """Values with files by their names alone."""
+        """Values of the parameters, with files by name alone."""
         return self.model_dump() | {self.plugin: portable(self.word)}
 
     def missing(self, held: Container[str] = ()) -> str:
-        """Say what of the plug-in is not on this machine."""
+        """Say which part of the plug-in is missing on this machine."""
         if not self.word:
             return "no plug-in is given"
         return missing(self.word, held)
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Paths of all files that the code is made of."""
+        """Paths of all files of the code."""
         return tuple(path for path in self._sources if os.path.isabs(path))
 
     def require_same_sources(self) -> None:
-        """Check that the code is what it was when these parameters were made."""
+        """Check that the code has not changed since it was noted."""
         old, new = self._sources, sources(self.word)
         changed = []
         for key in sorted(old.keys() | new.keys()):
@@ -116,7 +116,7 @@ class PluginParameters(StudyParameters):
 
 @contextmanager
 def opened(parameters: PluginParameters) -> Iterator[Child]:
-    """Open a process for a plug-in; what cannot be measured is the plug-in's doing."""
+    """Start a process for a plug-in; errors inside are the plug-in's."""
     parameters.require_same_sources()
     # numbers that overflow are judged, not announced
     with started(parameters.deadline) as child, np.errstate(all="ignore"):
@@ -143,7 +143,7 @@ so many attitudes, calibrations or steps."""
 
 
 class Problem(ABC, Generic[Own, Probed, Answers]):
-    """Input of an algorithm in a cell, and the measurement of its answers."""
+    """Input for an algorithm in a cell, and the measurement of its answers."""
 
     kind: ClassVar[type[Algorithm]]
 
@@ -154,36 +154,36 @@ class Problem(ABC, Generic[Own, Probed, Answers]):
     @property
     @abstractmethod
     def size(self) -> tuple[int, str]:
-        """Number of answers that its trials ask for, and what they are."""
+        """Number of answers that the trials need, and what they are."""
 
     @property
     def lives(self) -> bool:
-        """True if one process answers all calls, so that it can turn wrong in it."""
+        """True if one process answers all calls, and so may remember earlier ones."""
         return True
 
     @abstractmethod
     def probe(self) -> Probed:
-        """Check its conventions without noise."""
+        """Check the algorithm's conventions without noise."""
 
     @abstractmethod
     def trials(self, probed: Probed) -> Answers:
-        """Have it answer the trials."""
+        """Let the algorithm answer the trials."""
 
     def again(self, answers: Answers) -> Again | None:
-        """Trials to repeat; none if they are repeated where they run."""
+        """Trials to repeat; None if they are repeated as they run."""
         return None
 
     @abstractmethod
     def rows(self, probed: Probed, answers: Answers) -> Rows:
-        """Metrics of the answers."""
+        """Rows of statistics of the answers."""
 
     def artifacts(self, answers: Answers) -> Mapping[str, Mapping[str, Array]]:
-        """Arrays for the report to draw from."""
+        """Arrays for the page to draw."""
         return {}
 
     @abstractmethod
     def call(self) -> Call:
-        """One call of any algorithm of its kind, as its trials are, to be timed."""
+        """One call, like those of the trials, to be timed."""
 
 
 class AlgorithmParameters(PluginParameters):
@@ -198,12 +198,12 @@ class AlgorithmParameters(PluginParameters):
 
     @property
     def reference(self) -> bool:
-        """True for the package's own, which needs no process of its own."""
+        """True for the package's own, which runs in this process."""
         return False
 
 
 def run(parameters: AlgorithmParameters, streams: Streams) -> Outcome:
-    """Measure an algorithm that a child process runs.
+    """Measure an algorithm in a child process.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def compute(parameters: AlgorithmParameters, streams: Streams) -> Outcome:
 def outcome(
     plugin: Algorithm, parameters: AlgorithmParameters, streams: Streams
 ) -> Outcome:
-    """Measure an algorithm; where it has a process of its own, time a call too."""
+    """Measure an algorithm, and time a call if it has its own process."""
     problem, child = parameters.problem(plugin, parameters, streams), home_of(plugin)
     if child is not None:
         child.expect(*problem.size)
@@ -264,7 +264,7 @@ LEAST = 1e-9
 def call_time(
     plugin: Algorithm, ask: Callable[..., object], given: Sequence[Any], items: int
 ) -> dict[str, float]:
-    """Seconds of one call, of the package's own, their ratio, and what a call does.
+    """Time of one call, of a built-in call, their ratio, and what a call does.
 
     Nothing where it raises: its cell has been measured.
     """
@@ -291,7 +291,7 @@ def call_time(
 def _seconds(
     ask: Callable[..., object], algorithm: Algorithm, given: Sequence[Any]
 ) -> float:
-    """Processor time of a call, and of the programs that it has waited for, s."""
+    """Processor time of one call, with any programs it waited for, s."""
 
     def spent() -> float:
         children = getrusage(RUSAGE_CHILDREN)

@@ -75,12 +75,12 @@ class Response:
     second: Float[Array, "d p"]  # each by the same reading twice
 
     def covariance(self, noise: Float[Array, " d"]) -> Float[Array, "p p"]:
-        """Covariance of first order, eq. (R2)."""
+        """First-order covariance, eq. (R2)."""
         scaled = self.first * noise[:, None]
         return scaled.T @ scaled
 
     def bias(self, noise: Float[Array, " d"]) -> Float[Array, " p"]:
-        """Bias of second order, eq. (R2)."""
+        """Second-order bias, eq. (R2)."""
         return 0.5 * noise**2 @ self.second
 
 
@@ -89,7 +89,7 @@ def response(
     readings: Float[Array, " d"],
     step: float,
 ) -> Response:
-    """Derivatives of ``estimate(y)``, (t, d) to (t, p), in readings' own unit."""
+    """Derivatives of ``estimate(y)``, (t, d) to (t, p), by finite differences."""
     d = len(readings)
     ways = [k * np.eye(d) for k in (-2, -1, 1, 2)]
     ends = estimate(readings + step * np.concatenate([*ways, np.zeros((1, d))]))
@@ -102,7 +102,7 @@ def response(
 
 
 def apart(stated: Float[Array, "... p p"], known: Float[Array, "p p"]) -> float:
-    """Greatest distance of two covariances, relative to the known deviations."""
+    """Largest difference of two covariances, relative to the known deviations."""
     sd = deviations(known)
     return np.max(np.abs(stated - known) / np.outer(sd, sd))
 
@@ -120,7 +120,7 @@ Reduced = tuple[Any, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Expanded:
-    """First and second order of the errors of some trials, and what is known of them.
+    """Errors of some trials to first and second order, with known moments.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class Expanded:
     mean_second: Float[Array, " p"]
 
     def take(self, part: slice) -> "Expanded":
-        """Select errors."""
+        """Select some of the errors."""
         return Expanded(
             first=self.first[:, part],
             second=self.second[:, part],
@@ -147,21 +147,21 @@ class Expanded:
         )
 
     def mean(self, error: Float[Array, "t p"]) -> Reduced:
-        """Mean error by (E1)."""
+        """Mean error with control variates, (E1)."""
         return reduced_mean(error, self.first + self.second, self.mean_second)
 
     def sd(self, error: Float[Array, "t p"]) -> Reduced:
-        """Standard deviations by (E1)."""
+        """Standard deviations with control variates, (E1)."""
         off = error - self.first - self.second
         left = error**2 - self.first**2 - 2.0 * self.first * self.second
         return self._sd(off, left)
 
     def mirrored_mean(self, pairs: Float[Array, "2 t p"]) -> Reduced:
-        """Mean error by (E1), each trial with that of the opposite noise."""
+        """Mean error by (E1), from trials paired with the opposite noise."""
         return reduced_mean(pairs.mean(axis=0), self.second, self.mean_second)
 
     def mirrored_sd(self, pairs: Float[Array, "2 t p"]) -> Reduced:
-        """Standard deviations by (E1): the odd product of both orders is gone."""
+        """Standard deviations by (E1), from trials paired with opposite noise."""
         off = pairs.mean(axis=0) - self.second
         return self._sd(off, np.mean(pairs**2, axis=0) - self.first**2)
 
@@ -179,14 +179,14 @@ class Expanded:
     def weighted_square(
         self, error: Float[Array, "t p"], weight: Float[Array, "p p"]
     ) -> Reduced:
-        """Mean of ``e' W e`` by (E1)."""
+        """Mean of ``e' W e`` with control variates, (E1)."""
         values = np.sum(error @ weight * error, axis=1)
         known = np.sum(self.first @ weight * (self.first + 2.0 * self.second), axis=1)
         return reduced_mean(values, known, np.sum(weight * self.covariance))
 
 
 def linearized(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded:
-    """First order alone of ``errors(x)``, (t, d) to (t, p), by forward differences."""
+    """First order of ``errors(x)``, (t, d) to (t, p), by forward differences."""
     d = x.shape[1]
     found = errors(np.concatenate([np.zeros((1, d)), FORWARD * np.eye(d)]))
     slope = (found[1:] - found[0]) / FORWARD
@@ -200,7 +200,7 @@ def linearized(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expa
 
 
 def curved(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded:
-    """First and second order of ``errors(x)`` by central differences, of few noises."""
+    """First and second order of ``errors(x)`` by central differences."""
     polynomial = taylor(lambda each: errors(each.T).T, x.shape[1])
     first = x @ polynomial.slope.T
     return Expanded(
@@ -214,13 +214,13 @@ def curved(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded
 def reduced_mean(
     values: Float[Array, "t ..."], known: Float[Array, "t ..."], mean: Array | float
 ) -> Reduced:
-    """Mean of a feature, by another one of the same trials whose mean is known."""
+    """Mean of a feature, with another whose mean is known as control variate."""
     found, error, _ = mean_of(values - known)
     return found + mean, error
 
 
 def reduced_share(inside: Mask, known: Mask, mean: Array | float) -> Reduced:
-    """Share of trials, by another event whose probability is known."""
+    """Share of trials, with an event of known probability as control variate."""
     n = len(inside)
     apart = np.count_nonzero(inside != known, axis=0)
     difference = np.mean(inside.astype(float) - known.astype(float), axis=0)
@@ -231,7 +231,7 @@ def reduced_share(inside: Mask, known: Mask, mean: Array | float) -> Reduced:
 def stated(
     reduced: Reduced, prediction: Array | float, remainder: Array | float, n: int
 ) -> Reduced:
-    """Give the standard error that belongs to a prediction and its remainder."""
+    """Standard error for a comparison with a prediction and its remainder."""
     value, error = reduced
     least = WIDER * np.asarray(remainder) / np.sqrt(n)
     small = np.asarray(remainder) > 0.5 * np.abs(prediction)
@@ -241,7 +241,7 @@ def stated(
 def beside(
     rows: Sequence[Row], reduced: Sequence[Reduced], rounding: Array | float = 0.0
 ) -> Rows:
-    """Rows like these, sampled with control variates: the reduced means in their order.
+    """The same rows again, sampled with control variates.
 
     `rounding` is what the estimator's own arithmetic may add, which plain samples
     never see.

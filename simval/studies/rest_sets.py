@@ -1,4 +1,4 @@
-"""Rests of sound and of faulty sensors, drawn row by row, and the noise they show.
+"""Rests of sound and faulty sensors, drawn row by row, with the noise they show.
 
 A sensor is a matrix and a bias; a fault changes its bias or scales with the rest, its
 rows, or gravity's length. Sizes of faults are in m/s^2: of a scale, what it does to
@@ -30,7 +30,7 @@ Warp = Callable[[Array], Array]
 
 
 def directions(n: int, rng: Random) -> Float[Array, "n 3"]:
-    """Directions all over the sphere, in an order of chance."""
+    """Random directions in random order."""
     k = np.arange(n) + 0.5
     z, turn = 1.0 - 2.0 * k / n, np.pi * (1.0 + 5.0**0.5) * k
     r = np.sqrt(1.0 - z**2)
@@ -39,14 +39,14 @@ def directions(n: int, rng: Random) -> Float[Array, "n 3"]:
 
 
 def near_faces(n: int, rng: Random) -> Float[Array, "n 3"]:
-    """Six faces and repeats of them, tipped by half a degree to thirty."""
+    """Six faces and repeats of them, tilted by half a degree to thirty."""
     faces = np.concatenate([FACES, FACES[rng.integers(6, size=n - 6)]])
     tip = np.deg2rad(rng.choice([0.5, 2.0, 5.0, 30.0], (n, 1)))
     return rng.permutation(normalize(faces + tip * rng.normal(size=(n, 3))))
 
 
 def course(n: int, rng: Random) -> Float[Array, " n"]:
-    """Temperature of a room or of a part that warms up."""
+    """Temperature of a room, or of a part that warms up."""
     warming = 1.0 - np.exp(-np.arange(n) / n / rng.uniform(0.1, 1.0))
     return 25.0 + rng.uniform(0.5, 10.0) * warming + 0.1 * rng.normal(size=n).cumsum()
 
@@ -57,7 +57,7 @@ def _unchanged(rows: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RestSet:
-    """Directions of gravity in the rests, and what a sensor makes of them."""
+    """Directions of gravity in some rests, and how a sensor reads them."""
 
     up: Float[Array, "n 3"]
     noise: float | Float[Array, " 3"] = 0.02  # of a row, m/s^2
@@ -72,7 +72,7 @@ class RestSet:
     temperature: Float[Array, " n"] | None = None
 
     def means(self, rng: Random) -> RestMeans:
-        """Means of the rests, with the noise that their rows show."""
+        """Draw the means of the rests, with the noise that their rows show."""
         n = len(self.up)
         up = np.repeat(self.up[:, None], ROWS, axis=1)
         if self.tremor:
@@ -94,19 +94,19 @@ class RestSet:
         return measured(y, self.temperature, self.step)
 
     def with_bias(self, more: Float[Array, "n 3"]) -> "RestSet":
-        """The same, its bias changed by so much in each rest, m/s^2."""
+        """The same rests with this bias added in each, m/s^2."""
         return replace(self, bias=self.bias + more)
 
     def with_scale(self, more: Float[Array, "n 3"]) -> "RestSet":
-        """The same, its scales changed in each rest by what does so much to gravity."""
+        """The same rests with scales changed to add so much at gravity, m/s^2."""
         return replace(self, scale=self.scale + more / G)
 
     def with_length(self, more: Float[Array, " n"]) -> "RestSet":
-        """The same, gravity longer by so much in each rest, m/s^2."""
+        """The same rests with gravity longer by so much in each, m/s^2."""
         return replace(self, length=self.length + more[:, None] / G)
 
     def warped(self, act: Warp, since: int = 0, axis: int | None = None) -> "RestSet":
-        """The same, with what happens to the rows of an axis or all, since a rest."""
+        """The same rests, with rows of an axis or all changed from some rest on."""
         before, which = self.warp, slice(None) if axis is None else axis
 
         def warp(y: Array) -> Array:
@@ -122,7 +122,7 @@ def measured(
     temperature: Float[Array, " n"] | None = None,
     step: float = 0.0,
 ) -> RestMeans:
-    """Means, their covariance by the rows of each, and one factor for slow noise.
+    """Means of rests, their covariance by the rows, and a factor for slow noise.
 
     The factor is the variance of means of an eighth of a rest over what white noise
     would leave of it.
@@ -209,7 +209,7 @@ SCATTERED: Mapping[str, Callable[[Random], RestMeans]] = {
 
 
 class Where(NamedTuple):
-    """How great a fault is, and where it is."""
+    """Size and place of a fault."""
 
     size: float  # m/s^2
     rest: int  # since which
@@ -220,7 +220,7 @@ Act = Callable[[RestSet, Where, Random], RestSet]
 
 
 class Fault(NamedTuple):
-    """A fault: what it is, and what it makes of a sensor."""
+    """A fault, and how it changes a sensor's rests."""
 
     kinds: frozenset[Kind]  # none where no explanation is right
     act: Act
@@ -243,7 +243,7 @@ def _off(log: RestSet, at: Where, back: int = 0) -> Float[Array, " n"]:
 
 
 def _warmed(changed: Callable[[RestSet, Array], RestSet]) -> Act:
-    """Change of an axis by the temperature, which the log then has."""
+    """A change of an axis with temperature, which the log then has."""
 
     def act(log: RestSet, at: Where, rng: Random) -> RestSet:
         temperature = course(len(log.up), rng)
@@ -397,7 +397,7 @@ LYING: Mapping[str, Fault] = {
 
 
 def unharmed(rng: Random) -> RestSet:
-    """Directions and a sensor for a fault: by table or by hand, good parts and poor."""
+    """Random directions and a sound sensor, to which a fault is added."""
     n = int(rng.integers(13, 18))
     up = near_faces(n, rng) if rng.random() < FACED else directions(n, rng)
     return RestSet(
@@ -410,7 +410,7 @@ def unharmed(rng: Random) -> RestSet:
 
 
 def faulty(fault: Fault, times: float, rng: Random, log: RestSet) -> RestMeans:
-    """Rests of a log with a fault somewhere, so many times the noise of a mean."""
+    """Rests of a log with a fault, of so many times the noise of a mean."""
     k, a = int(rng.integers(3, len(log.up) - 2)), int(rng.integers(3))
     size = times * np.max(log.noise) / ROWS**0.5
     return fault.act(log, Where(size, k, a), rng).means(rng)

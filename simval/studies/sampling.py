@@ -1,4 +1,4 @@
-r"""Assumptions of every study: independent streams, unbiased variances.
+r"""Assumptions of every study: streams are independent, variances unbiased.
 
 Streams: blocks of neighbouring numbers, of this seed and of another, of this cell and
 of one that differs in a bit of its key, must be as independent as they are named. Their
@@ -69,7 +69,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _variance_rows() -> Rows:
-    """Mean of each estimated variance over all samples, over the population's own."""
+    """Mean of each estimated variance over all samples, against the true one."""
     every = np.array(list(product(VALUES, repeat=SAMPLES)))
     true = np.var(VALUES)
     names, means = [], []

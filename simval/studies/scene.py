@@ -1,4 +1,4 @@
-"""A scene by itself: its rests are at rest, and its poses suffice.
+"""A scene on its own: its rests are at rest, and its poses suffice.
 
 The simulation's own checks have passed before anything is measured here. Its artifacts
 are the directions of the rests and, where the machine can draw, a picture.
@@ -71,7 +71,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def few_faces(throws: int, least: int = PARAMETERS, faces: int = 14) -> float:
-    """Chance that throws of a fair die show fewer than so many of its faces."""
+    """Chance that some throws of a fair die show few of its faces."""
     seen = np.arange(faces + 1)
     share = np.where(seen == 0, 1.0, 0.0)
     for _ in range(throws):
@@ -94,7 +94,7 @@ def _by_chance(rows: Sequence[Row], throws: int) -> Rows:
 
 
 def judged_rows(trajectory: Trajectory) -> Rows:
-    """Judge a trajectory: its rests, its instants and its poses.
+    """Judge a trajectory by its rests, its instants and its poses.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def judged_rows(trajectory: Trajectory) -> Rows:
 
 
 def _same_instant(trajectory: Trajectory) -> Rows:
-    """Show that the columns of a row belong to one instant, on a moving body.
+    """Test that the columns of a row belong to one instant.
 
     The magnetic field in sensor axes is the world's, turned by the attitude of the
     same row. And an integrator turns the body by its rate at the start of a step, at

@@ -1,4 +1,4 @@
-"""Simulated IMUs of a motion that is known in closed form, right ones and wrong ones.
+"""Simulated IMUs with motions known in closed form, right and wrong.
 
 The motion is a sum of sines, and its derivatives are written out; nothing of it is
 shared with `simval.path`, which makes splines of poses.
@@ -24,7 +24,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Motion:
-    """A free motion: position by sines, attitude by angles that are sums of sines."""
+    """A free motion: position and Euler angles as sums of sines."""
 
     amplitude: Array  # (3, k), m
     frequency: Array  # (3, k), rad/s
@@ -43,7 +43,7 @@ class Motion:
         turn: float = 0.5,
         spin: float = 0.3,
     ) -> "Motion":
-        """Draw one whose fastest parts are of about 3 rad/s times its pace."""
+        """Draw a motion; its fastest parts have about 3 rad/s times the pace."""
         k = 3
         frequency = pace * rng.uniform(1.0, 3.0, (3, k))
         turning = pace * rng.uniform(1.0, 3.0, (3, k))
@@ -55,11 +55,11 @@ class Motion:
         )  # fmt: skip
 
     def place(self, t: Array, order: int = 0) -> Array:
-        """Position or a derivative, (n, 3)."""
+        """Position, or a derivative of it, (n, 3)."""
         return _sines(t, self.amplitude, self.frequency, self.phase, order)
 
     def rotation(self, t: Array) -> Any:
-        """Body to world, SciPy's, by angles about z, y, x."""
+        """Rotation body to world by SciPy, from angles about z, y, x."""
         angles = self._angles(t, 0)[:, ::-1]
         return scipy.spatial.transform.Rotation.from_euler("ZYX", angles)
 
@@ -72,7 +72,7 @@ class Motion:
         )
 
     def rates(self, t: Array) -> tuple[Array, Array]:
-        """Body rate and its derivative, by the kinematics of Euler angles."""
+        """Body rate and its derivative, from Euler angles."""
         (x, y, _), (dx, dy, dz) = self._angles(t, 0).T, self._angles(t, 1).T
         ddx, ddy, ddz = self._angles(t, 2).T
         sx, cx, sy, cy = np.sin(x), np.cos(x), np.sin(y), np.cos(y)
@@ -109,22 +109,22 @@ class Truth:
         self.v, self.a = self.motion.place(t, 1), self.motion.place(t, 2)
 
     def at(self, late: float) -> "Truth":
-        """The same so many steps before."""
+        """The truth so many steps earlier."""
         return Truth(
             self.motion, self.t - late * self.h, self.h, self.lever, self.mount
         )
 
     def body(self, x: Array) -> Array:
-        """World to body."""
+        """Turn world vectors into body axes."""
         return np.asarray(self.R.inv().apply(x))
 
     def arm(self, e: float = 1.0, c: float = 1.0) -> Array:
-        """Terms of the lever arm."""
+        """Acceleration by the lever arm, its two terms weighted."""
         r = self.lever
         return e * np.cross(self.al, r) + c * np.cross(self.w, np.cross(self.w, r))
 
     def force(self) -> Array:
-        """Specific force, body axes."""
+        """Specific force in body axes."""
         return self.body(self.a + UP) + self.arm()
 
 
@@ -158,7 +158,7 @@ def _difference(n: int, x: Truth, s: float) -> Pair:
 
 
 class WrongBy(NamedTuple):
-    """What is wrong by a number, which is 0 of a right simulator."""
+    """An error with a size, which is 0 for a right simulator."""
 
     read: Wrong
     named: str  # of gyroscope (g) or accelerometer (a)
@@ -194,7 +194,7 @@ def _by(name: str, low: float, high: float | None = None) -> "Kind":
 
 
 class Kind(NamedTuple):
-    """A simulator, the range of its error, and what is wrong with it."""
+    """A simulator with an error, the range of its size, and its name."""
 
     read: Wrong
     size: tuple[float, float]
@@ -260,7 +260,7 @@ def simulated(
     size: float | None = None,
     **motion: float,
 ) -> SimulatedImu:
-    """Readings of a simulator, with white noise of a row, m/s^2; a tenth in rad/s.
+    """Readings of a simulator, with white noise.
 
     `name` is of `KINDS`, or of `SIZED` with a size.
     """
@@ -285,13 +285,13 @@ def simulated(
 
 
 def declared(noise: float = 0.0) -> Declared:
-    """What is said of them all, with the density of the accelerometer's noise."""
+    """What is declared of all of them, with the accelerometer's noise density."""
     claim = {"accelerometer": (noise, 0.0, 0.0)} if noise else {}
     return Declared(lever=LEVER, mount=MOUNT, gravity=-UP, noise=claim)
 
 
 def names(found: Audit) -> set[str]:
-    """What was found wrong, as `KINDS` spells it."""
+    """Names of what was found wrong, as in `KINDS`."""
     wrong = {f"{x.name[0]}.{name}" for x in found.sensors for name in x.wrong}
     wrong |= {f"{x.name[0]}.frame" for x in found.sensors if x.frame}
     wrong |= {"seed"} if found.shared else set()

@@ -1,4 +1,4 @@
-r"""Solvers: comparison of the methods of the calibration, which must agree.
+r"""Solvers: all methods of the calibration must agree.
 
 One noisy pose set, far enough from the closed-form start that there is a way to go.
 Each method is stopped after every number of steps, and its distance from where it ends
@@ -174,7 +174,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def share_left(distance: Float[Array, " k"]) -> float:
-    """Share of the distance to the end that a step leaves, the last above `FAR`."""
+    """Share of the distance to the end that the last step above `FAR` leaves."""
     last = max(1, int(np.flatnonzero(distance > FAR)[-1]))
     return distance[last] / distance[last - 1]
 
@@ -182,7 +182,7 @@ def share_left(distance: Float[Array, " k"]) -> float:
 def source_way(
     source: Source, raw: Float[Array, "n 3"]
 ) -> tuple[Float[Array, "k 9"], int]:
-    """Triangular parameters at each step of a source's method, and its steps."""
+    """Parameters (triangular) at each step of a source's method, and the steps."""
     objective, start = nine_unknowns(source.model, raw / G), np.zeros((1, 9))
     if source.method == "newton":
         m = monomial_rows((raw / G)[None])
@@ -205,7 +205,7 @@ def source_way(
 
 
 def nine_unknowns(model: str, readings: Float[Array, "n 3"]) -> Objective:
-    """Half the sum of squares of e_k = |M(a_k - b)|^2 - 1, a in units of g."""
+    """Half the sum of the squared residuals e_k = |M(a_k - b)|^2 - 1, a in g."""
 
     def objective(theta: Float[Array, "1 9"], rows: Any) -> Local:
         M, x = forms.matrix(model, theta)[0], readings - theta[0, 6:]
@@ -223,7 +223,7 @@ def nine_unknowns(model: str, readings: Float[Array, "n 3"]) -> Objective:
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the ways of the solvers in a cell with these parameters."""
+    """File of the solvers' steps in a cell."""
     iteration, step, model = (named[key] for key in ("iteration", "step", "model"))
     own = f"{named['poses']}-{named['noise_std']:g}-{iteration}-{step:g}-{model}"
     return f"convergence-{own}.npz"

@@ -1,4 +1,4 @@
-"""Definition of a study: a name, its parameters, and a pure function of a cell.
+"""What a study is: a name, its parameters, and a pure function of a cell.
 
 Whether every trial of some noise and some poses has an answer shows only when they are
 drawn. Where one has none, what the others say is of a chosen few, so nothing is stated
@@ -38,7 +38,7 @@ class Cost:
 
 
 def _ends(field: FieldInfo) -> bool:
-    """True if a field declares its own upper limit."""
+    """True if a field states its own upper limit."""
     return any(hasattr(limit, "le") or hasattr(limit, "lt") for limit in field.metadata)
 
 
@@ -52,7 +52,7 @@ class StudyParameters(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _whole(cls, value: Any, info: ValidationInfo) -> Any:
-        """Accept 1e5 where an integer is required."""
+        """Accept 1e5 for an integer."""
         field = cls.model_fields[info.field_name or ""]
         number = as_whole(value) if field.annotation is int else value
         if type(number) is int and number > MOST and not _ends(field):
@@ -64,7 +64,7 @@ class StudyParameters(BaseModel):
         return number
 
     def cost(self) -> Cost:
-        """Cost of a cell if a study does not state it: a second and fifty rows."""
+        """Default cost of a cell: one second and fifty rows."""
         return Cost(1.0, 50)
 
     plugin: ClassVar[str] = ""
@@ -74,12 +74,12 @@ class StudyParameters(BaseModel):
     """Fields on which the random streams do not depend: their cells share the noise."""
 
     def named(self) -> dict[str, Any]:
-        """Values as a name, a store and a table hold them."""
+        """Values as they appear in names, stores and tables."""
         return self.model_dump()
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Paths of the files of the study's code outside the package."""
+        """Paths of files that the study's code has outside the package."""
         return ()
 
 
@@ -95,37 +95,39 @@ Geometry = Annotated[
 
 
 def described(default: Any, words: str) -> Any:
-    """A parameter that is a choice or a name: its default, in words."""
+    """A parameter that is a choice or a name: default and description."""
     return Field(default, description=words)
 
 
 def ranged(default: float, words: str, least: float, most: float | None = None) -> Any:
-    """A parameter that is a number: its default, in words, and its range."""
+    """A parameter that is a number: default, description and range."""
     return Field(default, description=words, ge=least, le=most)
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A named experiment.
+    """A named experiment: parameters, and a function that measures something at them.
 
     Attributes
     ----------
     name : str
-        As suites and the command line call it: the name of its module.
+        Name in suites and on the command line, which is that of its module.
     title : str
-        One line for people.
+        What it measures, in one line for people.
     parameters : type of StudyParameters
-        Model of one cell's parameters.
+        Model of the parameters of one cell, with their defaults and ranges.
     run : callable
-        ``run(parameters, streams) -> Outcome``, pure.
+        ``run(parameters, streams) -> Outcome``. It draws random numbers from `streams`
+        alone, so that equal arguments give equal numbers.
     section : str or None
-        Section of the report that shows it; None draws it along what varies.
-    shown : sequence of Figure, Distribution and Listing
-        What the section shows of it.
+        Section of the page that shows it. None has one made, with its statistics along
+        whatever parameter varies.
+    shown : sequence of Figure, Distribution, Trace and Listing
+        Figures and tables of the section.
     about : str
-        What the section says before them.
+        Paragraph above them.
     headline : Headline or None
-        By which it is told on the first screen; None takes its first statistics.
+        Sentence about it on the first screen; None takes its first statistics.
     """
 
     name: str
@@ -139,7 +141,7 @@ class Study:
 
 
 def study_of(name: str, module: Any) -> Study:
-    """Study of a module with the names that `simval.studies` asks for."""
+    """Make the study of a module, from the names that every study has."""
     parameters = instance("Parameters", module.Parameters, type)
     if not issubclass(parameters, StudyParameters):
         msg = "`Parameters` must be a subclass of simval.studies.study.StudyParameters"
@@ -166,17 +168,17 @@ class Cell:
 
     @property
     def key_name(self) -> str:
-        """Canonical name without the seed: study and sorted parameters."""
+        """Name without the seed: the study and its parameters, sorted."""
         return self._named(())
 
     @property
     def name(self) -> str:
-        """Unique name in a run: the canonical name and the seed."""
+        """Name of the cell, unique in a run."""
         return f"{self.key_name}@{self.seed}"
 
     @property
     def streams(self) -> Streams:
-        """The cell's random streams, fixed by its seed and its name alone.
+        """Random streams of the cell, set by its seed and name alone.
 
         Of the name without the fields that do not count, where there are such.
         """
@@ -188,13 +190,13 @@ class Cell:
 
 
 def spelled(study: str, parameters: Mapping[str, Any]) -> str:
-    """Name of a cell without its seed: what every name is made by, and checked."""
+    """Name of a cell without its seed."""
     inside = (f"{k}={canonical(v)}" for k, v in sorted(parameters.items()))
     return f"{study}({','.join(inside)})"
 
 
 def canonical(value: Any) -> str:
-    """One spelling for each parameter value, as used in cell names."""
+    """Standard spelling of a parameter value in cell names."""
     if isinstance(value, bool):
         return str(value).lower()
     return repr(value) if isinstance(value, float) else str(value)
@@ -209,7 +211,7 @@ its square, which theory takes, is far from where floats end."""
 
 
 def refusing(advice: str) -> Callable[[Run[Model]], Run[Model]]:
-    """Refuse a cell where its trials have no answer, with what to change.
+    """Refuse a cell in which trials have no answer, and advise a change.
 
     A simulation that fails its checks is no such case, nor is a plug-in.
     """

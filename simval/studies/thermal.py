@@ -1,4 +1,4 @@
-"""Calibration over temperature: bias and scale that depend on it, at the bound.
+"""Calibration over temperature: terms in temperature, against the bound.
 
 Each rest has its own temperature, over a span, in an order that no axis follows. Each
 trial fits the nine parameters and a linear term of each bias and scale, as `simval
@@ -70,7 +70,7 @@ class Parameters(StudyParameters):
 
 
 def offsets(poses: int, span: float) -> Float[Array, " n"]:
-    """Temperature of each rest about their mean, in an order that no axis follows."""
+    """Temperature of each rest about the mean, in an order unrelated to the poses."""
     order = np.random.default_rng(poses).permutation(poses)
     return span * (order / (poses - 1) - 0.5)
 

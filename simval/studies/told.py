@@ -1,4 +1,4 @@
-"""Settings of a filter whose sensors are calibrated so well: predicted and simulated.
+"""Settings for a filter with imperfect calibrations: predicted and simulated.
 
 The gyroscope's matrix has an error in each entry, those of accelerometer and
 magnetometer too, and each an offset; they are drawn anew for each trial, and the filter
@@ -123,12 +123,12 @@ FACTORS = (NOISE, ACCELEROMETER, MAGNETOMETER, WALK)
 
 
 def vectors_of(way: Course) -> dict[str, tuple[Float[Array, "T 3"], float]]:
-    """What each vector sensor reads, and its length."""
+    """Vector in the world that each sensor reads, and its length."""
     return {ACCELEROMETER: (way.up, way.g), MAGNETOMETER: (way.field, way.strength)}
 
 
 def case_of(parameters: Parameters, cell: Filtering) -> FilterCase:
-    """The motion as theory has it, with what calibrations leave."""
+    """The motion for theory, with the errors that calibrations leave."""
     way = cell.way
     left = {GYROSCOPE: parameters.gyroscope_error**2 * np.eye(9)}
     for name, (_, size) in vectors_of(way).items():
@@ -144,7 +144,7 @@ def case_of(parameters: Parameters, cell: Filtering) -> FilterCase:
 def readings(
     parameters: Parameters, cell: Filtering, rng: np.random.Generator
 ) -> tuple[FilterInput, Float[Array, "n T 3"], Float[Array, "n 33"]]:
-    """Readings of a block, the bias, and the calibration errors in their deviations."""
+    """Readings of a block, the bias, and the calibration errors drawn."""
     way, count = cell.way, BLOCK
     given, bias = drawn(way, cell.sensors, cell.told, count, rng)
     errors = rng.standard_normal((count, 33))

@@ -1,4 +1,4 @@
-r"""The loop of every study that draws: trials in blocks, and their realised noise.
+r"""Loop over trials in blocks, which every sampling study uses; noise as drawn.
 
 A study says what a block of trials draws and what is kept of it; `trials_of` runs the
 blocks, each with its own stream, and holds what was kept in their order.
@@ -42,7 +42,7 @@ FALSE_ALARM = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawn:
-    """Statistics of the noise of a sensor in a block."""
+    """Statistics of one sensor's noise in a block."""
 
     square: float  # sum of squares
     count: int
@@ -61,7 +61,7 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trials:
-    """Results of some blocks of trials."""
+    """Results of blocks of trials."""
 
     block: int  # trials in a block
     kept: Mapping[str, Array]  # by name, (trials, ...)
@@ -71,7 +71,7 @@ class Trials:
         return self.kept[name]
 
     def sums(self, name: str) -> Sums:
-        """Sums of the features of some errors, (trials, p), as of `simulate`."""
+        """Sums of the features of some errors, as `simulate` makes them."""
         values, block = self.kept[name], self.block
 
         def means(number: int) -> Array:
@@ -88,7 +88,7 @@ Trial = Callable[[np.random.Generator], Block]
 
 
 def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials:
-    """Run that many trials, rounded up to whole blocks."""
+    """Run trials in whole blocks."""
     kept: list[Kept] = []
     noise: list[Mapping[str, Drawn]] = []
     for number in range(-(-trials // block)):
@@ -102,7 +102,7 @@ def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials
 def stated_of(
     fit: FitResult | MagnetometerFit, truth: Float[Array, " p"], level: float
 ) -> tuple[Mask, Array]:
-    """Coverage of each stated interval, and the normalised squared errors.
+    """Coverage of each stated interval, and the NEES.
 
     These are normalised by the stated covariance, (trials,).
     """
@@ -114,13 +114,13 @@ def stated_of(
 
 
 def root(square: Any, error: Any) -> tuple[Any, Any]:
-    """Root of a mean square, and its standard error."""
+    """Square root of a mean square, with its standard error."""
     rms = np.sqrt(square)
     return rms, error / (2.0 * rms)
 
 
 def share_error(share: Any, n: int) -> Any:
-    """Standard error of a share of n trials, by the share that is predicted.
+    """Standard error of a share among n trials, from the predicted share.
 
     Of one that hardly ever or nearly always is, as if one trial in n were otherwise.
     """
@@ -129,13 +129,13 @@ def share_error(share: Any, n: int) -> Any:
 
 
 def mean_of(values: Float[Array, "t ..."]) -> tuple[Any, Any, int]:
-    """Mean of some trials, its standard error, and their number."""
+    """Mean over trials, its standard error, and the number of trials."""
     n = len(values)
     return np.mean(values, axis=0), np.std(values, axis=0, ddof=1) / np.sqrt(n), n
 
 
 def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> Rows:
-    """Rows of the noise of some blocks, of each sensor by its name."""
+    """Rows about the drawn noise, sensor by sensor."""
     rows: Rows = ()
     for name in blocks[0]:
         n = sum(block[name].count for block in blocks)
@@ -146,7 +146,7 @@ def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> Rows:
 
 
 def correlation_row(vectors: Iterable[Array]) -> Rows:
-    """The strongest correlation of two vectors of noise, against chance."""
+    """Strongest correlation between two vectors of noise, against chance."""
     given = [np.ravel(vector) for vector in vectors]
     m = min(len(vector) for vector in given)
     X = np.array([vector[:m] for vector in given])
@@ -158,14 +158,14 @@ def correlation_row(vectors: Iterable[Array]) -> Rows:
 
 
 def strongest_by_chance(count: int, m: int) -> float:
-    """Correlation that any two of so many reach with probability `FALSE_ALARM`."""
+    """Correlation that some pair exceeds with probability `FALSE_ALARM`."""
     pairs = max(count * (count - 1) // 2, 1)
     t = scipy.special.stdtrit(m - 1, FALSE_ALARM / (2.0 * pairs))
     return np.sqrt(t * t / (m - 1 + t * t))
 
 
 def noise_row(x: Float[Array, "t d"]) -> Rows:
-    """Mean square of the drawn noise, in units of the requested one.
+    """Mean square of the drawn noise, relative to the requested noise.
 
     It needs no estimator, and rests on d numbers a trial: so it tells a wrong generator
     from a wrong estimator, and before the estimator's own rows see it.

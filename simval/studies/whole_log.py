@@ -1,4 +1,4 @@
-r"""Whole log: evidence, error bars and joint fits, as `simval calibrate` gives them.
+r"""Whole logs: choices, error bars and joint fits of `simval calibrate`.
 
 Each trial is a log of three sensors on the gimbal, read as a user's: the rests are
 found, the noise is measured in the longest, temperature and specific force are judged
@@ -101,7 +101,7 @@ class Parameters(StudyParameters):
 
 
 class Sensors:
-    """The true IMU on its tumble, and the logs that it leaves."""
+    """The true IMU on its tumble, and the logs that it records."""
 
     def __init__(self, poses: int, *, effects: bool) -> None:
         run = simulate_cached(
@@ -129,11 +129,11 @@ class Sensors:
         self.warm = SWING * np.sin(2.0 * np.pi * CYCLES * along)  # about the middle, K
 
     def warmed(self, sensor: str) -> Array:
-        """Slope of a sensor's bias in temperature."""
+        """Slope of a sensor's bias with temperature."""
         return WARM[sensor] * self.effects
 
     def log(self, rng: np.random.Generator) -> tuple[Log, dict[str, Array]]:
-        """A log, and its noise in units of the stated one."""
+        """Draw a log; return it with its noise relative to the stated one."""
         read, time = read_imu(self.imu, self.motion, rng), self.motion.time
         assert read.gyroscope is not None
         assert read.magnetometer is not None
@@ -157,7 +157,7 @@ class Sensors:
         return log, noise
 
     def truth(self, found: LogCalibration) -> Array:
-        """The 34 parameters, the biases at the temperatures that a fit refers to."""
+        """The 34 true parameters, biases at the fit's reference temperatures."""
         bias = {"accelerometer": self.accelerometer.B, "gyroscope": self.gyroscope.B}
         for name, thermal in found.taken.thermal.items():
             if name in bias:
@@ -170,7 +170,7 @@ class Sensors:
 
 
 class Judged:
-    """What the logs of a cell show: squares of errors, and choices of the evidence."""
+    """Results of a cell's logs: squared errors, and choices made by evidence."""
 
     def __init__(self) -> None:
         # normalised squares of p errors, with the degrees of freedom of their bars
@@ -180,7 +180,7 @@ class Judged:
         self.outside: list[bool] = []  # intervals of N
 
     def add(self, name: str, error: Array, covariance: Array, dof: float) -> None:
-        """Take errors with the covariance that was stated, and its freedom."""
+        """Add errors, with the stated covariance and its degrees of freedom."""
         square = float(normalised_squares(error, covariance))
         self.errors.setdefault(name, []).append((square, error.size, dof))
 
@@ -205,7 +205,7 @@ class Judged:
         self.choices(sensors, found)
 
     def choices(self, sensors: Sensors, found: LogCalibration) -> None:
-        """Take what was chosen by evidence, and the errors of what was rightly."""
+        """Add which terms were chosen, and the errors of those rightly chosen."""
         seen = {name: each.terms for name, each in found.taken.thermal.items()}
         if found.taken.G.any():
             seen["force"] = LINE
@@ -222,7 +222,7 @@ class Judged:
             return
         for name, slope in WARM.items():
             own = found.taken.thermal.get(name)
-            # of a square that chance has put beside it, the scatter left is too small
+            # with a square that only chance added, the remaining scatter is too small
             if own is not None and own.terms == LINE:
                 self.terms(name, own, slope)
         off = found.taken.G - FORCE
@@ -231,12 +231,12 @@ class Judged:
                 self.add("force", row, np.diag(sd**2), KNOWN)
 
     def terms(self, name: str, found: Term, slope: Array) -> None:
-        """Compare the coefficients of three axes, whose bars share one scatter."""
+        """Add the errors of three axes' coefficients."""
         off, sd = found.coefficients[0] - slope, found.sd[0]
         self.add(f"{name} in temperature", off, np.diag(sd**2), found.dof)
 
     def noise(self, log: Log) -> None:
-        """Describe a log's noise."""
+        """Add the errors of a log's noise."""
         found = log_noise(log)
         for axes, std in zip(
             (found.accelerometer, found.gyro, found.magnetometer),
@@ -250,7 +250,7 @@ class Judged:
             ]  # fmt: skip
 
     def rows(self) -> Iterator[Row]:
-        """Each against what chance leaves."""
+        """Rows that compare each result with chance."""
         for name, errors in self.errors.items():
             square, p, dof = np.array(errors).T
             most = scipy.special.gammaincinv(len(p), 1.0 - SELDOM) / len(p)

@@ -1,4 +1,4 @@
-"""Run a suite: a file of studies and grids, cell by cell, into a run folder.
+"""Run a suite, a file of studies and grids, cell by cell into a run folder.
 
 `suite` reads and expands the file, `runner` has its `cells` computed by `executors` or
 on a `cluster`, `store` keeps the results in SQLite, `provenance` and `identity` say

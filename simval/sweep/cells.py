@@ -1,4 +1,4 @@
-"""The cells of a run: how they end, how they are stored and read back.
+"""Cells of a run: how they end, and how they are stored and read back.
 
 A worker makes plain values of what a study left, with their digest, so that the driver
 only writes them down. Numbers are stored as they are, and NaN as NULL.
@@ -37,12 +37,12 @@ ROW_FIELDS = tuple(f.name for f in (*fields(Statistic), *fields(Row)[1:]))
 
 
 class DamagedError(InputError):
-    """Something in a run folder is not what a sweep wrote."""
+    """A part of a run folder that no sweep has written so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellResult:
-    """One cell of a run: its parameters and its results."""
+    """A cell of a run, with its parameters and results."""
 
     position: int = 0
     name: str  # unique name in the run
@@ -57,12 +57,12 @@ class CellResult:
 
     @property
     def refused(self) -> bool:
-        """True if it was refused, in words, so that it has no result."""
+        """True if it was refused with a reason, and so has no result."""
         return self.status == "failed" and self.error.startswith(REFUSED)
 
     @property
     def ending(self) -> str:
-        """Its status, with ``refused`` and ``crashed`` distinguished."""
+        """How it ended: its status, with ``refused`` apart from ``crashed``."""
         crashed = "refused" if self.refused else "crashed"
         return crashed if self.status == "failed" else self.status
 
@@ -74,17 +74,17 @@ class CellResult:
 
     @property
     def named(self) -> CellName:
-        """The cell by its name."""
+        """The cell's name, with its study."""
         return CellName(self.study, self.name)
 
     def row(self, statistic: Statistic, predictor: str = "") -> Row | None:
-        """Row of a statistic; None if there is none."""
+        """The row of a statistic; None if there is none."""
         key = (statistic, predictor)
         return next((row for row in self.rows if row.key == key), None)
 
 
 class Done(NamedTuple):
-    """A cell that has ended, as it is stored."""
+    """A finished cell as it is stored."""
 
     cell: Stored  # its entry
     rows: Sequence[Stored]  # each with its cell and its place; none where it failed
@@ -114,7 +114,7 @@ def cell_entry(
 
 
 def row_entries(position: int, rows: Iterable[Row]) -> list[Stored]:
-    """Stored entries of the rows of a cell: its place, the row's, then `ROW_FIELDS`."""
+    """Stored entries of a cell's rows."""
     return [_row_entry(position, ordinal, row) for ordinal, row in enumerate(rows)]
 
 
@@ -149,7 +149,7 @@ def _row_entry(position: int, ordinal: int, row: Row) -> Stored:
 
 
 def _impossible(row: Row) -> str:
-    """Name of a field with an impossible value; empty if there is none.
+    """Name of a field with an impossible value; empty if all are possible.
 
     What was not measured is NaN, which never passes.
     """
@@ -174,7 +174,7 @@ def _impossible(row: Row) -> str:
 def _named(
     family: str, entries: tuple[str, ...], controlled: bool, unit: str
 ) -> Stored:
-    """A statistic; the same objects for equal ones, which then travel once."""
+    """Make a statistic; equal ones are the same object, so that they travel once."""
     return family, json.dumps(entries, separators=(",", ":")), int(controlled), unit
 
 
@@ -184,17 +184,17 @@ def _number(value: float) -> float | None:
 
 
 def digest_of_entries(cell: Sequence[Any], rows: Iterable[Sequence[Any]]) -> str:
-    """Digest of all that is stored of a cell."""
+    """Digest of everything that is stored of a cell."""
     return digest_of([list(cell), *(list(row[1:]) for row in rows)])
 
 
 def digest_of(content: Any) -> str:
-    """SHA-256 of numbers, words and lists of them, exact and by type."""
+    """SHA-256 of nested lists of numbers and words, exact and typed."""
     return hashlib.sha256(repr(content).encode()).hexdigest()
 
 
 def cell_result(cell: Sequence[Any], rows: Iterable[Stored]) -> CellResult:
-    """The cell of a stored entry and its rows."""
+    """Rebuild a cell from its stored entry and rows."""
     position, name, study, seed, parameters, status, error, seconds, _ = cell
     return CellResult(
         position=position,
@@ -227,7 +227,7 @@ def _row(entry: Stored) -> Row:
 
 @lru_cache(maxsize=4096)
 def _same(words: Any) -> Any:
-    """Equal words as one object: they take most of the memory of many rows."""
+    """One object for equal words, which saves most memory."""
     return words
 
 

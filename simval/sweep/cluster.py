@@ -50,7 +50,7 @@ Tell = Callable[[str], None]
 def clustered(
     address: str, stated: Stated, wait: float, tell: Tell
 ) -> Iterator[Compute]:
-    """Connect to a running dask.distributed cluster.
+    """Connect to a dask.distributed cluster that is running.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def clustered(
 
 
 def answering() -> Callable[[bytes, bytes], Any]:
-    """Function that a worker runs on a batch; an empty one asks whether it may compute.
+    """Make the function that a worker runs on a batch, or on none to be checked.
 
     A worker that differs answers with its address and why: lines, or the words of an
     error.
@@ -105,7 +105,7 @@ def answering() -> Callable[[bytes, bytes], Any]:
 
 
 class Cluster:
-    """The workers of a scheduler: it hands out batches, and waits for workers."""
+    """Workers of a scheduler, to which batches are handed."""
 
     def __init__(
         self, client: Any, address: str, stated: Stated, wait: float, tell: Tell
@@ -121,14 +121,14 @@ class Cluster:
         self._refused: dict[str, tuple[str, ...]] = {}  # of those there, why not
 
     def begin(self) -> None:
-        """Wait for the first admissible worker: each is asked for its identity."""
+        """Wait for the first worker that may compute; each is checked."""
         try:
             self._await(self._answered({}), at_start=True)
         except (OSError, CancelledError) as error:
             raise self.lost(error) from None
 
     def submit(self, function: Any, batch: Batch) -> Future[list[Done]]:
-        """Hand a batch to the workers that may compute it.
+        """Hand a batch to workers that may compute.
 
         Of several that join or leave just now the scheduler may choose another one,
         which then answers for itself.
@@ -140,14 +140,14 @@ class Cluster:
         return self._executor.submit(*errand, **fit)
 
     def window(self) -> int:
-        """Number of batches to keep in flight, by the workers that are there."""
+        """Number of batches to keep in flight."""
         self._look()
         if not self._threads:
             self._await(lambda: bool(self._threads))
         return AHEAD * sum(self._threads.values())
 
     def refuse(self, address: str, lines: tuple[str, ...]) -> None:
-        """Give a worker nothing more; of many that are alike say so once."""
+        """Use a worker no more, and say why, once for workers that are alike."""
         known = self._refused.values()
         if lines not in known:
             self._tell(f"worker {address} computes nothing: {'; '.join(lines)}")
@@ -156,12 +156,12 @@ class Cluster:
         self._seen = -AGE  # it may have been the last one
 
     def lost(self, error: BaseException) -> LostClusterError:
-        """Say that the scheduler is gone."""
+        """Raise the error that the scheduler is gone."""
         reason = str(error) or "it ended, or the connection broke"
         return LostClusterError(f"lost the scheduler at {self.address}: {reason}")
 
     def _look(self) -> None:
-        """See who is there, if the last look is old enough."""
+        """Check the workers, unless that was done just now."""
         now = time.monotonic()
         if now - self._seen < AGE and self._threads:
             return
@@ -174,7 +174,7 @@ class Cluster:
         self._threads = {a: n for a, n in there.items() if a not in self._refused}
 
     def _answered(self, asked: dict[str, Any]) -> Callable[[], bool]:
-        """Ask every worker, and say whether one has answered that it may compute."""
+        """Check every worker; return whether one may compute."""
 
         def somebody() -> bool:
             for address in self._threads.keys() - asked.keys():
@@ -195,7 +195,7 @@ class Cluster:
         return somebody
 
     def _await(self, somebody: Callable[[], bool], at_start: bool = False) -> None:
-        """Wait until a worker may compute.
+        """Wait until some worker may compute.
 
         While there is none, a question to any is open, so that a cluster that grows on
         demand sees a demand.
@@ -243,7 +243,7 @@ class Cluster:
 
 
 def _by_cluster(cluster: Cluster, queue: Queue) -> Iterator[Sequence[Done]]:
-    """Compute on a cluster; of a cell that kills its workers say so.
+    """Compute on a cluster, and name the cell that kills workers.
 
     The scheduler gives up a batch after it has lost so many workers (dask's
     `allowed-failures`) that had it, at work or waiting. Its cells are then given out
@@ -271,7 +271,7 @@ def _by_cluster(cluster: Cluster, queue: Queue) -> Iterator[Sequence[Done]]:
 
 
 def _suspected(queue: Queue, tried: set[int]) -> Sequence[Done]:
-    """Give out a suspect by itself, or say that it has failed so, too."""
+    """Give a suspected cell out alone, or report that it kills workers so, too."""
     place = queue.suspects.popleft()
     if place in tried:
         return [failed(*queue.alone(place).cells[0], GIVEN_UP)]
@@ -288,7 +288,7 @@ def _end(client: Any) -> None:
 
 @contextmanager
 def _own_words() -> Iterator[None]:
-    """Keep what `distributed` logs about lost connections: we say it ourselves."""
+    """Silence messages of `distributed` about lost connections."""
     known = ("distributed", "tornado", *logging.root.manager.loggerDict)
     loggers = [
         logging.getLogger(name)

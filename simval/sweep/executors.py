@@ -1,4 +1,4 @@
-"""Executors of cells: this process, a local pool, or a cluster.
+"""Where cells are computed: in this process, a local pool, or a cluster.
 
 All yield what they are done with in the order in which batches end. A cell that raises
 gives its traceback as its result; what is handled here is a worker that dies.
@@ -87,12 +87,12 @@ class Batch:
 
     @property
     def places(self) -> list[int]:
-        """Places of its cells."""
+        """Places of the cells in the suite."""
         return [place for place, _ in self.cells]
 
 
 class Queue:
-    """The cells to compute, made and handed out in their order."""
+    """The cells to compute, handed out in order."""
 
     def __init__(
         self,
@@ -111,7 +111,7 @@ class Queue:
         return bool(self._back) or self._next < len(self._pending)
 
     def take(self, at_once: int) -> Batch:
-        """The next batch, where so many are at work at once."""
+        """Take the next batch, given how many are computed at once."""
         if self._back:
             return self._back.popleft()
         left = len(self._pending) - self._next
@@ -129,26 +129,26 @@ class Queue:
         return Batch(tuple(batch), self._work, self._stated)
 
     def alone(self, place: int) -> Batch:
-        """A batch of one cell."""
+        """A batch of a single cell."""
         return Batch((self._cell(place),), self._work, self._stated)
 
     def put_back(self, batch: Batch) -> None:
-        """Have a batch computed by somebody else, before all others."""
+        """Put a batch back, to be computed first."""
         self._back.append(batch)
 
     def give_back(self, places: Iterable[int]) -> None:
-        """Have some cells computed alone, before all others."""
+        """Put cells back, each to be computed alone, and first."""
         self._back.extend(map(self.alone, places))
 
     def came_back(self, batch: Batch) -> None:
-        """Have a batch computed by somebody else, or its cells one by one."""
+        """Put a batch back, or split it into its cells if it came back before."""
         if batch.returns < RETURNS:
             self.put_back(replace(batch, returns=batch.returns + 1))
         else:
             self.was_lost(batch)
 
     def was_lost(self, batch: Batch) -> None:
-        """Have the cells of a batch that loses its workers computed one by one.
+        """Split a batch whose workers were lost into its cells.
 
         One that was alone is kept until nothing else is left.
         """
@@ -173,7 +173,7 @@ def execute(cell: Cell) -> Outcome:
 def attempt(
     position: int, cell: Cell, work: Work | None = None
 ) -> tuple[int, Outcome | str, float]:
-    """Compute one cell, or say why that failed; with the CPU seconds that it took."""
+    """Compute a cell, or say why it failed; with the CPU time taken, s."""
     start = time.process_time()
     try:
         with ONE_THREAD:
@@ -188,7 +188,7 @@ def attempt(
 
 
 def computed(batch: Batch) -> list[Done]:
-    """Compute some cells, and make of them what is stored."""
+    """Compute the cells of a batch, and make their stored entries."""
     machine = "" if batch.stated is None else batch.stated.require()
     work = () if batch.work is None else (batch.work,)
     with ONE_THREAD:
@@ -215,7 +215,7 @@ def _done(cell: Cell, position: int, outcome: Outcome | str, seconds: float) -> 
 
 
 def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:
-    """A cell that has failed, and why."""
+    """Entry of a cell that failed, with the reason."""
     entry = cell_entry(position, cell, "failed", printable(error), seconds)
     return Done(entry, (), digest_of_entries(entry, ()))
 
@@ -251,12 +251,12 @@ Flying = dict[Future[list[Done]], Batch]
 
 @runtime_checkable
 class Submits(Protocol):
-    """A pool or a cluster, which takes batches."""
+    """Anything that takes batches: a pool or a cluster."""
 
     def submit(
         self, function: Callable[[Batch], list[Done]], batch: Batch, /
     ) -> Future[list[Done]]:
-        """Have a batch computed."""
+        """Start the computation of a batch."""
 
 
 def windowed(
@@ -266,7 +266,7 @@ def windowed(
     window: Callable[[], int],
     lost_as: tuple[type[BaseException], ...] = (),
 ) -> Iterator[Sequence[Done]]:
-    """Keep `window` batches in flight until the queue is empty; raise if one is lost.
+    """Keep some batches in flight until the queue is empty; raise if one is lost.
 
     What could not be handed out goes back into the queue.
     """
@@ -309,7 +309,7 @@ def _is_lost(
 
 
 def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[Done]:
-    """Result of a batch; if it could not travel, its cells are sent one by one."""
+    """Result of a batch; if that could not be sent, its cells run one by one."""
     error = future.exception() or refusal(future.result())
     if error is None:
         return future.result()
@@ -323,7 +323,7 @@ def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[
 
 
 def _alone(cells: Iterable[Batch]) -> Iterator[Sequence[Done]]:
-    """Compute cells one at a time; of one that kills its worker say so."""
+    """Compute cells one at a time, and name one that kills its worker."""
     left = deque(cells)
     while left:
         try:
@@ -345,7 +345,7 @@ def _alone(cells: Iterable[Batch]) -> Iterator[Sequence[Done]]:
 
 @contextmanager
 def _pool(workers: int) -> Iterator[Executor]:
-    """Pool of processes that end with the pool, and when its driver ends or stops."""
+    """Pool of processes that end with it, or with the process that made it."""
     context = get_context("spawn")  # a fork would inherit locks of other threads
     receiver, sender = context.Pipe(duplex=False)
     with ProcessPoolExecutor(
@@ -360,7 +360,7 @@ def _pool(workers: int) -> Iterator[Executor]:
 
 
 def _begin_worker(receiver: Connection) -> None:
-    """Let a worker end when its driver ends or closes the pipe."""
+    """In a worker: end when the driver ends or closes the pipe."""
     ONE_THREAD.__enter__()  # as long as it lives
     parent = parent_process()
     assert parent is not None  # this is a child

@@ -1,4 +1,4 @@
-"""Identity of a process that computes cells: source, versions, models, processor.
+"""Identity of a computing process: source, versions, models, processor.
 
 The driver states what its own numbers depend on, and each batch of cells carries the
 statement. A process that differs refuses the batch in words: its rows would be those
@@ -24,7 +24,7 @@ SHOWN = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """Everything that the numbers of a process depend on, apart from the cell."""
+    """All that a process's numbers depend on, apart from the cell."""
 
     code: Mapping[str, str]  # SHA-256 of source and models, versions, by their names
     machine: Mapping[str, Any]
@@ -32,18 +32,18 @@ class Identity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stated:
-    """Identity of the driver, which whoever computes its cells must share."""
+    """Identity of the driver, which each worker must share."""
 
     driver: Identity
     mixed: bool = False  # other processor kernels may compute
 
     @property
     def machine(self) -> str:
-        """The driver's machine, as the store has it."""
+        """The driver's machine, as it is stored."""
         return machine_text(self.driver.machine)
 
     def require(self) -> str:
-        """Check this process; return its machine, as the store has it.
+        """Check this process against the driver; return its machine.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class StrangerError(InputError):
 
 
 def refusal(answer: object) -> StrangerError | None:
-    """Refusal in the answer of a worker, as an error; None if it computed."""
+    """The error in a worker's answer; None if it computed."""
     if not isinstance(answer, tuple):
         return None
     worker, why = answer
@@ -82,7 +82,7 @@ def refusal(answer: object) -> StrangerError | None:
 
 
 def require_as_read() -> None:
-    """Refuse a process that has loaded a file which was changed since it started."""
+    """Refuse to compute if a source file changed before it was loaded."""
     names = provenance.loaded().changed()
     if names:
         words = f"{', '.join(names)} changed on the disk while it was at work"
@@ -91,7 +91,7 @@ def require_as_read() -> None:
 
 @cache
 def here() -> Identity:
-    """The identity of this process, as of the first call."""
+    """Identity of this process, as of the first call."""
     models = json.dumps(provenance.model_hashes(), sort_keys=True)
     return Identity(
         code={
@@ -106,7 +106,7 @@ def here() -> Identity:
 def differing(
     driver: Identity, own: Identity, *, mixed: bool = False
 ) -> tuple[str, ...]:
-    """Say in words how a process differs from the driver.
+    """Say how a process differs from the driver.
 
     Kernels of another processor round otherwise: `mixed` allows them.
     """
@@ -126,12 +126,12 @@ def differing(
 
 
 def machine_text(machine: Mapping[str, Any]) -> str:
-    """A machine as the store counts its cells."""
+    """A machine as text, under which cells are counted."""
     return json.dumps(dict(machine), sort_keys=True)
 
 
 def environments(kept: str | None) -> list[dict[str, Any]]:
-    """Machines with the number of their cells, most cells first.
+    """Machines with their numbers of cells, the most first.
 
     Of the store's entry, which counts the finished cells of each machine.
     """
@@ -143,14 +143,14 @@ def environments(kept: str | None) -> list[dict[str, Any]]:
 
 
 def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
-    """Machines that computed cells of a run, without the driver's, in a fixed order."""
+    """Machines other than the driver's that computed cells of a run."""
     own = manifest.get("machine")
     found = [each["machine"] for each in manifest.get("environments", ())]
     return sorted((each for each in found if each != own), key=json.dumps)
 
 
 def mixture(manifest: Mapping[str, Any]) -> str:
-    """Machines that computed a run, as text; empty for the driver's alone."""
+    """All machines that computed a run, as text; empty if it was the driver's alone."""
     others = other_machines(manifest)
     if not others:
         return ""

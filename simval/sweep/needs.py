@@ -1,4 +1,4 @@
-"""What a suite needs: limits of quantities that its studies measure.
+"""Needs of a suite: limits on quantities that its studies measure.
 
     question = "How many poses do I need, and how long?"
 
@@ -38,7 +38,7 @@ _QUANTITY: Final = re.compile(r"(\w+)\.(\w+)(\[[^\[\]]+\])?")
 
 
 class Need(BaseModel):
-    """A quantity that a suite asks for, and what it must be below or above."""
+    """A quantity that a suite asks for, and its limit."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -74,22 +74,22 @@ class Need(BaseModel):
 
     @property
     def study(self) -> str:
-        """Study that measures it."""
+        """Study that measures the quantity."""
         return self.quantity.partition(".")[0]
 
     @property
     def statistic(self) -> str:
-        """Statistic of its rows."""
+        """Statistic of the rows that hold the quantity."""
         return self.quantity.partition(".")[2]
 
     @property
     def bound(self) -> str:
-        """The limit as it is stated."""
+        """The limit as the suite states it."""
         return self.below or self.above
 
     @property
     def limit(self) -> tuple[float, str]:
-        """The limit's number, and its unit in ASCII."""
+        """The limit as a number, with its unit in ASCII."""
         found = _LIMIT.fullmatch(in_ascii(self.bound))
         if found is None or len(found[1]) > MOST_DIGITS:
             msg = f"the limit {self.bound!r:.60} is no number with a unit: '1 mm/s^2'"
@@ -97,6 +97,6 @@ class Need(BaseModel):
         return float(found[1]), found[2]
 
     def factor(self, unit: str) -> float | None:
-        """Times a limit in the unit of a row; None if the row's is of another kind."""
+        """Factor from the limit to the unit of a row; None if they do not fit."""
         own = in_ascii(unit)
         return UNITS.get(own, {own: 1.0}).get(self.limit[1])

@@ -1,4 +1,4 @@
-"""Provenance of a run's numbers: the manifest.
+"""Where a run's numbers come from: the manifest.
 
 It holds suite, seeds, versions, commit, model files and processor kernels. Times, host
 and dates are stored separately and never compared.
@@ -37,7 +37,7 @@ PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
 
 
 def manifest(suite: Suite) -> dict[str, Any]:
-    """Everything that the numbers of a suite depend on, and what it asks of them."""
+    """All that the numbers of a suite depend on, and what it asks of them."""
     return {
         "suite": suite.name,
         "title": suite.title,
@@ -54,7 +54,7 @@ def manifest(suite: Suite) -> dict[str, Any]:
 
 
 def asked(suite: Suite) -> dict[str, Any]:
-    """The question of a suite, and its needs, as its file has them."""
+    """The suite's question and needs, as in its file."""
     needs = [need.model_dump(exclude_defaults=True) for need in suite.needs]
     return {"question": suite.question, "need": needs}
 
@@ -66,7 +66,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """Environment of the last bits: processor kernels, linear algebra, C library."""
+    """What the last bits depend on: processor kernels, linear algebra, C library."""
     return {
         "system": platform.system(),
         "processor": platform.machine(),
@@ -79,14 +79,14 @@ def machine() -> dict[str, Any]:
 
 
 def git_state() -> dict[str, Any]:
-    """Commit of the checkout that the package runs from, if there is one."""
+    """Commit of the checkout that the package runs from, or nothing."""
     status = _git("status", "--porcelain", "--untracked-files=no")
     dirty = None if status is None else bool(status)
     return {"commit": _git("rev-parse", "HEAD"), "dirty": dirty}
 
 
 def commit_date() -> str | None:
-    """Date of the checkout's commit, ISO 8601, if there is one."""
+    """Date of that commit, ISO 8601, or nothing."""
     return _git("show", "--no-patch", "--format=%cI", "HEAD")
 
 
@@ -97,7 +97,7 @@ def model_hashes() -> dict[str, str]:
 
 
 def file_hashes(grid: Grid) -> dict[str, str]:
-    """SHA-256 of the files that a suite names, and of those that they name in turn."""
+    """SHA-256 of the files that a suite names, and of those that they name."""
     named: dict[str, dict[str, set[str]]] = {}
     for study, _, texts in plugins_of(grid):
         for path, digest in chain.from_iterable(sources(t).items() for t in texts if t):
@@ -131,7 +131,7 @@ def _brought(grid: Grid) -> dict[str, Path]:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """List where two manifests differ, one line each."""
+    """List the differences of two manifests, one in a line."""
     lines = []
     for key in sorted({*old, *new}):
         a, b = old.get(key), new.get(key)
@@ -169,12 +169,12 @@ def _git(*words: str) -> str | None:
 
 
 def source_hash() -> str:
-    """SHA-256 of all the package's own source on the disk, Python and C."""
+    """SHA-256 of the package's source on disk, Python and C."""
     return _whole(_digests())
 
 
 def _digests() -> dict[str, bytes]:
-    """SHA-256 of each file."""
+    """SHA-256 of each source file."""
     files = sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.c")])
     return {
         str(file.relative_to(PACKAGE)): digest
@@ -199,7 +199,7 @@ def _whole(digests: Mapping[str, bytes]) -> str:
 
 
 class Loaded:
-    """The source as of this process's first call."""
+    """The package's source, as this process first saw it."""
 
     def __init__(self) -> None:
         self._digests = _digests()
@@ -207,7 +207,7 @@ class Loaded:
         self.source = _whole(self._digests)
 
     def changed(self) -> list[str]:
-        """Files that were changed on the disk before this process loaded them."""
+        """Files that changed on disk before this process loaded them."""
         own = _modules()
         fresh = own.keys() - self._seen
         self._seen |= fresh
@@ -232,5 +232,5 @@ def _modules() -> dict[str, ModuleType]:
 
 @cache
 def loaded() -> Loaded:
-    """The source of this process."""
+    """The package's source, as this process first saw it."""
     return Loaded()

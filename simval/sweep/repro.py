@@ -1,4 +1,4 @@
-"""Recompute one cell by its name, and compare it with the run bit by bit."""
+"""Compute one cell again by its name, and compare it with the run bit by bit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -21,7 +21,7 @@ from simval.vocabulary import builtin_suites
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repetition:
-    """A cell computed again."""
+    """A cell that was computed again."""
 
     outcome: Outcome  # what it gave now; no rows where it crashed
     error: str  # why it crashed; empty where it did not
@@ -32,7 +32,7 @@ class Repetition:
 
     @property
     def equal(self) -> bool:
-        """True if the rows are the stored ones, to the bit."""
+        """True if its rows equal the stored ones to the bit."""
         if self.stored is None or self.different:
             return False
         return len(self.stored.rows) == len(self.outcome.rows)
@@ -41,7 +41,7 @@ class Repetition:
 def find_cell(
     name: str, run: Run | None, plugins: Sequence[str] = (), suite: str | None = None
 ) -> Cell:
-    """Find a cell by name: in the run, else in a suite.
+    """Find a cell by its name in a run, or else in a suite.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def find_cell(
 
 
 def _held(run: Run | None, name: str) -> CellResult | None:
-    """The cell of a run by its name, with its rows."""
+    """The cell of a run with this name, and its rows."""
     heads = enumerate(run.cells) if run is not None else ()
     place = next((place for place, cell in heads if cell.name == name), None)
     return None if run is None or place is None else run.cells[place]
@@ -98,7 +98,7 @@ def _of_suite(name: str, run: Run | None, suite: str | None) -> Cell:
 
 
 def _completed(given: str, text: str) -> str:
-    """Value for a cell that names `text` if `given` is its file, else empty."""
+    """The value that a cell means by `text`, if it is this file; else empty."""
     name = "" if text.startswith(COMMAND) else text.removeprefix(file_of(text))
     return next((v for v in (given, given + name) if portable(v) == text), "")
 
@@ -115,7 +115,7 @@ def _require_plugin(cell: Cell, run: Run | None) -> None:
 
 
 def repeat(cell: Cell, run: Run | None) -> Repetition:
-    """Compute a cell again and compare it with what a run holds."""
+    """Compute a cell again, and compare it with what a run holds."""
     _, done, _ = attempt(0, cell)
     error, outcome = (done, Outcome(rows=())) if isinstance(done, str) else ("", done)
     held = _held(run, cell.name)

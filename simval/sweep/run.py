@@ -1,4 +1,4 @@
-"""A run folder, read back: cells, rows, manifest and timing, and its tables.
+"""A run folder, read back: cells, rows, manifest, timing, and its tables.
 
 run.sqlite      cells and rows, written while the run goes on
 results.csv     the tidy long table: a row for each cell and statistic
@@ -47,7 +47,7 @@ WHOLE = {int: ("int64", "Int64"), bool: ("bool", "boolean")}
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Run(ShownRun):
-    """A run folder's content.
+    """Contents of a run folder.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Run(ShownRun):
         return f"Run({str(self.folder)!r}: suite {suite}, {len(self.cells)} cells)"
 
     def of(self, study: str) -> tuple[CellResult, ...]:
-        """Finished cells of one study, in the order of the suite.
+        """Finished cells of a study, in the order of the suite.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ def load_run(folder: str | Path) -> Run:
 
 
 def _timing(file: Path) -> dict[str, Any]:
-    """Read the times of a run; nothing if there are none."""
+    """Read the times of a run; empty if there are none."""
     if not file.exists():
         return {}
     try:
@@ -148,7 +148,7 @@ def _timing(file: Path) -> dict[str, Any]:
 
 @contextmanager
 def completed(path: Path) -> Iterator[BufferedWriter]:
-    """Open a file to write, which takes its name when all of it is there."""
+    """Open a file to write; it takes its name only once it is complete."""
     part = path.with_name(path.name + ".part")
     try:
         with part.open("wb") as file:
@@ -169,7 +169,7 @@ def _remove(part: Path) -> None:
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
-    """Write the tidy long table of the finished cells: sorted, floats exact."""
+    """Write all rows as one long table, sorted, with exact floats."""
     keys = store.parameters(database)
     with (
         completed(path) as content,
@@ -192,7 +192,7 @@ def _powers(cells: Iterable[CellResult]) -> list[float]:
 
 
 def _exact(value: Any) -> Any:
-    """What was not measured is an empty field."""
+    """Value for a table; what was not measured is empty."""
     if value is None or value != value:
         return ""
     return repr(value) if isinstance(value, float) else value
@@ -235,7 +235,7 @@ def data_frame(cells: Iterable[CellResult]) -> Any:
 
 
 def _alike(values: list[Any]) -> list[Any]:
-    """The values of a parameter: as text where studies differ in type."""
+    """Values of a parameter, as text if the studies differ in its type."""
     kinds = {type(value) for value in values if value is not None}
     if len(kinds) <= 1 or kinds == {int, float}:
         return values
@@ -268,7 +268,7 @@ def export_parquet(folder: Path, path: Path) -> int:
 
 
 def run_folder(run: str | Path) -> Path:
-    """Folder of a run; ``latest`` is the newest one."""
+    """Folder of a run; ``latest`` is the newest."""
     path = file_path("run", run)
     if str(path) != "latest":
         _refuse_near_miss(path)
@@ -281,7 +281,7 @@ def run_folder(run: str | Path) -> Path:
 
 
 def _refuse_near_miss(path: Path) -> None:
-    """Name the run that was meant, if there is none here and one of a name near it."""
+    """Suggest the run that was meant, if one has a similar name."""
     try:
         if (path / "run.sqlite").exists():
             return

@@ -1,4 +1,4 @@
-"""The driver of a sweep: batches of cells out to workers, results into the store.
+"""Drive a sweep: send batches of cells to workers, and store the results.
 
 Only the driver writes. A cell's numbers depend on its name and seed alone, so any
 number of workers, in any order, leaves the same table.
@@ -41,19 +41,19 @@ PART = "run.sqlite.part"
 
 
 class Progress:
-    """Receives the progress of the driver; by itself it says nothing."""
+    """Base of what shows the progress of a sweep; it shows nothing itself."""
 
     def start(self, total: int, done: int) -> None:
-        """Begin."""
+        """Note the number of cells, and how many are done."""
 
     def expect(self, cells: Sequence[Cell], workers: int | None) -> None:
-        """Note the cells to come in their order, and how many are computed at once."""
+        """Note the cells to come, and how many run at once."""
 
     def advance(self, name: str) -> None:
         """Note that one more cell has ended."""
 
     def tell(self, words: str) -> None:
-        """Say what becomes of the workers of a cluster."""
+        """Note a message about the workers of a cluster."""
 
 
 def run_suite(
@@ -131,7 +131,7 @@ def drive(
     wait: float = WAIT,
     mixed_kernels: bool = False,
 ) -> None:
-    """Run a suite into a folder; memory does not grow with the number of rows.
+    """Run a suite into a folder, in memory that does not grow with the rows.
 
     `work` computes a cell in place of its study.
     """
@@ -193,7 +193,7 @@ def drive(
 def _computing(
     workers: int, scheduler: str | None, stated: Stated, wait: float, tell: Any
 ) -> Iterator[Compute]:
-    """Find who computes."""
+    """Choose where to compute: here, in a pool, or on a cluster."""
     if scheduler is not None:
         with clustered(scheduler, stated, wait, tell) as compute:
             yield compute
@@ -208,7 +208,7 @@ def _compute(
     queue: Queue,
     progress: Progress,
 ) -> None:
-    """Compute the missing cells, and store each batch that ends."""
+    """Compute the missing cells, and store each batch as it ends."""
     for batch in compute(queue):
         for each in batch:
             for name, content in each.artifacts.items():
@@ -224,7 +224,7 @@ def _compute(
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep a run folder for one driver."""
+    """Lock a run folder for one driver."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -237,7 +237,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -> None:
-    """Make the folder of a new run, with every cell pending."""
+    """Make the folder of a new run with all cells pending."""
     try:
         # a run that was stopped before its store was complete left only a part of it
         begun = (
@@ -264,7 +264,7 @@ def _create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) 
 
 
 def _check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
-    """Refuse to resume a run of another suite, version or source, or a damaged one."""
+    """Refuse to resume a run that is damaged, or of another suite or source."""
     with store.opened(folder / "run.sqlite") as database:
         earlier = store.manifest(database)
         names = zip_longest(store.names(database), (c.name for c in suite.cells))
@@ -285,7 +285,7 @@ def _check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
 
 
 def _write(path: Path, content: str | bytes | Mapping[str, Any]) -> None:
-    """Write a text, bytes or arrays as a file that appears only when it is complete."""
+    """Write a file that appears only once it is complete."""
     path.parent.mkdir(exist_ok=True)
     with completed(path) as file:
         if isinstance(content, Mapping):

@@ -1,4 +1,4 @@
-"""The store of a run: one SQLite file, one transaction for each batch of cells.
+"""The store of a run: one SQLite file, one transaction for each batch.
 
 The driver of a sweep is the only writer. A cell is stored completely or not at all, so
 a run that was killed at any moment can be resumed: a killed program loses the batches
@@ -58,7 +58,7 @@ BESIDE = ("results.csv", "manifest.json", "timing.json", "artifacts/*")
 
 @contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Turn errors of SQLite, and damaged content, into one sentence."""
+    """Turn errors of SQLite, and damaged contents, into one sentence."""
     try:
         yield
     except sqlite3.OperationalError as error:
@@ -77,7 +77,7 @@ def explained(path: Path) -> Iterator[None]:
 
 @contextmanager
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open the store of a run to read from it: one snapshot, its pages sound.
+    """Open the store of a run to read, as one consistent snapshot.
 
     Raises
     ------
@@ -85,7 +85,10 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         If there is no such file, it is no store, of another version, or damaged.
     """
     if not path.is_file():
-        msg = f"{path} does not exist, so {path.parent} is no run folder"
+        msg = (
+            f"{path} does not exist, so {path.parent} is no run folder; give one that "
+            "`simval sweep` made"
+        )
         raise InputError(msg)
     with explained(path), closing(_connected(path)) as database:
         database.execute("PRAGMA query_only = 1")
@@ -106,7 +109,7 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open the store of a run to add to it."""
+    """Open the store of a run to add results."""
     with opened(path):
         pass  # it is one
     with explained(path), closing(_connected(path)) as database:
@@ -136,7 +139,7 @@ def create(path: Path, cells: Iterable[Cell], manifest: Mapping[str, Any]) -> No
 
 
 def finish(database: sqlite3.Connection, batch: Sequence[Done]) -> None:
-    """Store cells that have ended with their rows, in one transaction."""
+    """Store finished cells with their rows, in one transaction."""
     machines = Counter(
         done.machine for done in batch if done.machine and not done.failed
     )
@@ -162,20 +165,20 @@ def keep_manifest(database: sqlite3.Connection, content: Mapping[str, Any]) -> N
 
 
 def complete(database: sqlite3.Connection, folder: Path) -> None:
-    """Note that the run is complete, with the digests of its files and of all cells."""
+    """Mark the run as complete, with digests of its files and cells."""
     with database:
         files = json.dumps(_digests_of_files(folder))
         keep(database, files=files, complete=_digest_of_cells(database))
 
 
 def reopen(database: sqlite3.Connection) -> None:
-    """Take that note away, before files are written again."""
+    """Remove the mark of completion, before files are written again."""
     with database:
         keep(database, files=None, complete=None)
 
 
 def keep(database: sqlite3.Connection, **entries: str | None) -> None:
-    """Set entries of the store, or take them away, with a digest of all."""
+    """Set or remove entries of the store, and renew its digest."""
     for key, value in entries.items():
         database.execute("DELETE FROM meta WHERE key = ?", (key,))
         if value is not None:
@@ -215,7 +218,7 @@ def _digest_of_file(file: Path) -> str:
 def read_cells(
     database: sqlite3.Connection, order: Literal["position", "cell"] = "position"
 ) -> Iterator[CellResult]:
-    """Read the cells one by one, each with its rows and checked by its digest.
+    """Read the cells one by one, each checked by its digest.
 
     In the order of the suite (``position``), or by their names (``cell``).
 
@@ -239,7 +242,7 @@ def read_cells(
 
 
 def check_complete(database: sqlite3.Connection, folder: Path) -> None:
-    """Refuse a complete run if it or one of its files is not what the sweep wrote.
+    """Refuse a complete run of which a part is not as it was written.
 
     A missing file is no damage: a store alone can be judged.
     """
@@ -272,7 +275,7 @@ class _Grid(BaseModel):
 
 
 class _Manifest(BaseModel):
-    """Fields of a manifest that every reader may rely upon; there may be more."""
+    """Fields that every manifest has; there may be more."""
 
     model_config = ConfigDict(strict=True, extra="allow")
     suite: str
@@ -291,7 +294,7 @@ class _Manifest(BaseModel):
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:
-    """Read the manifest: what the numbers of the run depend on."""
+    """Read the manifest, which says what the numbers depend on."""
     try:
         content = json.loads(entry(database, "manifest"))
         _Manifest.model_validate(content)
@@ -314,7 +317,7 @@ def parameters(database: sqlite3.Connection) -> list[str]:
 
 
 def unfinished(database: sqlite3.Connection) -> list[int]:
-    """List the cells that have no result."""
+    """List the cells without a result."""
     query = "SELECT position FROM cells WHERE status != 'done' ORDER BY position"
     return [each[0] for each in database.execute(query)]
 
@@ -322,7 +325,7 @@ def unfinished(database: sqlite3.Connection) -> list[int]:
 def count(
     database: sqlite3.Connection, status: str | None = None, error: str = ""
 ) -> int:
-    """Number of cells, of a status and with an error that begins so, if given."""
+    """Number of cells, with a status and the start of an error if given."""
     query = (
         "SELECT count(*) FROM cells WHERE (? IS NULL OR status = ?) "
         "AND substr(error, 1, ?) = ?"
@@ -332,7 +335,7 @@ def count(
 
 
 def failures(database: sqlite3.Connection, most: int) -> list[tuple[str, str]]:
-    """List the first cells that failed, each with its error."""
+    """List the first few cells that failed, with their errors."""
     query = (
         "SELECT cell, error FROM cells WHERE status = 'failed' ORDER BY position "
         "LIMIT ?"
@@ -341,7 +344,7 @@ def failures(database: sqlite3.Connection, most: int) -> list[tuple[str, str]]:
 
 
 def times(database: sqlite3.Connection) -> list[tuple[str, float, dict[str, Any]]]:
-    """Name, CPU time and what was timed, of each cell."""
+    """Name, CPU time and timed call of each cell."""
     query = "SELECT cell, seconds, times FROM cells ORDER BY position"
     return [
         (name, seconds, json.loads(timed or "{}"))

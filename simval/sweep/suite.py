@@ -1,4 +1,4 @@
-"""Suite files: TOML in, validated, expanded to cells.
+"""Suite files: TOML that is validated and expanded to cells.
 
     title = "What it measures"
     seed = 1                        # or a list: the whole grid for each seed
@@ -63,7 +63,7 @@ Grid = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A validated suite: its cells in order, and the file it came from."""
+    """A validated suite: its cells in order, and its file."""
 
     name: str  # built-in, or the file's stem
     title: str  # one line for people
@@ -74,7 +74,7 @@ class Suite:
 
 
 def suite_model() -> type[BaseModel]:
-    """Pydantic model of a suite file: one optional table for each study."""
+    """Pydantic model of a suite file, with an optional table for each study."""
     return _model_of(tuple(STUDIES))
 
 
@@ -117,7 +117,7 @@ def suite_schema() -> dict[str, Any]:
 def load_suite(
     name: str, overrides: Iterable[str] = (), seed: int | None = None
 ) -> Suite:
-    """Read a suite by built-in name or by path, apply overrides, expand the grid.
+    """Read a suite, apply overrides, and expand its grid to cells.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def load_suite(
 
 
 def expand(name: str, content: Grid) -> Suite:
-    """Validate the content of a suite and expand its grid to cells.
+    """Validate a suite's content, and expand its grid to cells.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def expand(name: str, content: Grid) -> Suite:
 
 
 def _points(name: str, study: str, content: BaseModel) -> Iterator[StudyParameters]:
-    """Every combination of the values of a study's axes; the last is the fastest."""
+    """All combinations of a study's axes; the last axis changes fastest."""
     model = STUDIES[study].parameters
     axes = {key: _as_list(value) for key, value in content.model_dump().items()}
     for values in product(*axes.values()):
@@ -275,7 +275,7 @@ def _override(content: dict[str, Any], override: str) -> None:
 
 
 def literal(text: str) -> Any:
-    """Value of a text: a TOML literal, else the text itself."""
+    """Read a TOML literal; anything else is text."""
     try:
         content = parsed(toml, f"value = {text}")
     except ValueError:
@@ -284,7 +284,7 @@ def literal(text: str) -> Any:
 
 
 def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Model:
-    """Check some content against a model."""
+    """Validate content by a model, with readable errors."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -296,7 +296,7 @@ def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Mod
 
 
 def _other_arm(error: Any) -> bool:
-    """True if an error belongs to the wrong alternative of `value | list`."""
+    """True if an error is about the alternative of `value | list` not used."""
     listed = any("list[" in str(part) for part in error["loc"])
     if error["type"] == "list_type":
         return listed
@@ -333,7 +333,7 @@ def _as_list(value: Any) -> list[Any]:
 
 
 def _require_size(name: str, suite: BaseModel) -> None:
-    """Refuse a suite of more cells than a run can have, by its axes alone."""
+    """Refuse a suite with too many cells, before they are made."""
     content = suite.model_dump(exclude_none=True)
     axes = {"seed": len(_as_list(content.pop("seed", 1)))}
     cells = 0
@@ -352,7 +352,7 @@ def _require_size(name: str, suite: BaseModel) -> None:
 
 
 def plugins_of(grid: Grid) -> Iterator[tuple[str, str, list[Any]]]:
-    """Studies that take a plug-in, with their field for it and what a suite names."""
+    """Studies that take plug-ins, with their fields and the names in a suite."""
     for study, table in grid.items():
         field = STUDIES[study].parameters.plugin if study in STUDIES else ""
         if isinstance(table, Mapping) and field in table:
@@ -370,12 +370,12 @@ def respelled(grid: Grid, spell: Callable[[str], str]) -> dict[str, Any]:
 
 
 def beside(content: Grid, folder: Path) -> dict[str, Any]:
-    """The content of a suite file, its paths of plug-ins relative to its folder."""
+    """Content of a suite file, with paths of plug-ins relative to its folder."""
     return respelled(content, lambda each: located(each, str(folder)))
 
 
 def require_plugins(cells: Iterable[Cell]) -> None:
-    """Check that the plug-ins of some cells exist, before anything is computed."""
+    """Check that all plug-ins exist before anything is computed."""
     for cell in cells:
         own = cell.parameters
         if isinstance(own, PluginParameters) and (gone := own.missing()):

@@ -1,4 +1,4 @@
-"""One thread in the linear algebra while cells are computed.
+"""Keep linear algebra to one thread while cells are computed.
 
 A product of matrices is summed in another order on two threads than on one, so its last
 bits would depend on the number of processors. Libraries that are loaded are set by
@@ -21,7 +21,7 @@ VARIABLES: Final = (
 
 
 class OneThread:
-    """A context that may be entered again, and by several threads at once."""
+    """A context in which linear algebra has one thread; it may be nested."""
 
     def __init__(self) -> None:
         self._lock = Lock()

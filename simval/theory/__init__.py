@@ -1,4 +1,4 @@
-"""Predictions of errors. Imports nothing that it predicts."""
+"""Predictions of errors; nothing that they predict is imported here."""
 
 from simval.theory.attitude import (
     AttitudeMoments,

@@ -67,7 +67,7 @@ Found = tuple[Array, Array, Array, Array]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Unit quaternions, unit reference vectors and noise, one of each for a sample."""
+    """Attitudes, reference vectors and noise, one of each for a sample."""
 
     q: Float[Array, "n 4"]
     r1: Float[Array, "n 3"]
@@ -89,7 +89,7 @@ def flat_samples(
     r2: Float[Array, "... 3"],
     noise: Noise,
 ) -> Samples:
-    """Samples of a batch, its axes made one."""
+    """Flatten a batch to a list of samples."""
     batch = q.shape[:-1]
     count = int(np.prod(batch))
     own = own_axes(noise)
@@ -105,7 +105,7 @@ def flat_samples(
 def series_of_columns(
     samples: Samples, columns: Columns, order: int | str, normalized: bool
 ) -> Found:
-    """Moments of one of the expansions, each sample in its frame."""
+    """Moments by an expansion, each sample in its own frame."""
 
     def of(rows: slice) -> Found:
         some = samples[rows]
@@ -147,7 +147,7 @@ def combined_of(samples: Samples, normalized: bool) -> Found:
 
 
 def exact_of_columns(samples: Samples, columns: Columns, batch: Index) -> Found:
-    """Exact moments, each sample in its frame.
+    """Exact moments, each sample in its own frame.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def arithmetic_of(
     moments_of: Callable[..., Moments],
     truth: Float[Array, "n 4"],
 ) -> tuple[Array, Array]:
-    """Bias and covariance of the arithmetic of each sample's estimator.
+    """Moments from the arithmetic of each sample's estimator.
 
     Raises
     ------
@@ -397,7 +397,7 @@ def _require_theory(order: int | str, special: bool, third_moments: Any) -> None
 
 
 def multiplicative_moments(additive: AttitudeMoments) -> Moments:
-    """Mean and covariance of q^-1 * qhat from those of q - qhat, eqs. (53), (64).
+    """Moments of q^-1 * qhat from those of q - qhat, eqs. (53), (64).
 
     Parameters
     ----------

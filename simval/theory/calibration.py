@@ -1,4 +1,4 @@
-r"""First- and second-order moments of a calibration error, and the bound on it.
+r"""First- and second-order moments of a calibration's error, and its bound.
 
 A reading is :math:`y = x + B + n`, :math:`M x = a` the true force, :math:`|a| = g`,
 :math:`n \sim N(0, \sigma^2 I)`; the direction of each :math:`a` is unknown, so that a
@@ -189,7 +189,7 @@ def calibration_moments(
 
 
 def in_form(form: str, model: AccelerometerModel) -> Float[Array, "9"]:
-    """Parameters of a sensor in a form."""
+    """Parameters of a sensor in one of the forms."""
     return forms.from_gram(form, model.matrix.T @ model.matrix, model.B)
 
 
@@ -240,7 +240,7 @@ def calibration_expansion(
     g: float,
     residual: str = "squared",
 ) -> Estimating:
-    """Expansion of a calibration's error, triangular form, noises of deviation 1.
+    """Expansion of a calibration's error, for noise of deviation 1.
 
     What `adjusted` takes out of its equations is a constant, which is not in it.
     """

@@ -1,4 +1,4 @@
-r"""Bound and remaining error of calibrators of fewer than nine parameters.
+r"""Bound and remaining error of calibrators with fewer than nine parameters.
 
 The parameters are those of the triangular form, some of them estimated and the others
 fixed (`simval.imu.sensor.models`). Of a sensor of the same class the errors are small;
@@ -50,7 +50,7 @@ def class_bound(
     noise_std: float,
     known: bool,
 ) -> Float[Array, "p p"]:
-    """Cramer-Rao bound of some of the nine parameters, the others known.
+    """Cramér-Rao bound of some of the nine parameters, if the others are known.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def bound_left(
     places: tuple[int, ...],
     g: float,
 ) -> float:
-    """RMS of what is left at a covariance of the class's parameters, eq. (L2)."""
+    """RMS force error that a covariance of a class's parameters leaves, eq. (L2)."""
     M = sensor.matrix
     slopes = forms.matrix_derivatives("triangular", sensor.parameters) @ np.linalg.inv(
         M
@@ -123,7 +123,7 @@ def bound_left(
 
 
 def least_left(sensor: AccelerometerModel, places: tuple[int, ...], g: float) -> float:
-    """RMS that the best calibration of a class leaves, with the bias as it is.
+    """RMS force error that the best calibration of a class leaves.
 
     With Q the rotation nearest to ``diag(k) N``, N the inverse of M, the scales that
     are nearest to it are ``k_i = N_i Q_i / N_i N_i`` by rows; the two in turn never
@@ -161,7 +161,7 @@ def pseudo_true(
     g: float,
     known: bool,
 ) -> Float[Array, "c 9"]:
-    """Nine parameters to which calibrators of a class without misalignment converge.
+    """Parameters to which calibrators without misalignment converge.
 
     One row for each of the criteria by which one may fit: squared lengths, lengths,
     the linear equation; of known directions the force and the reading as well.
@@ -184,7 +184,7 @@ def pseudo_true(
 def _criteria(
     raw: Float[Array, "n 3"], u: Float[Array, "n 3"], g: float, known: bool
 ) -> Iterator[Callable[[Array, Array], Array]]:
-    """Residuals, relative to g, of scales and biases."""
+    """Residuals of scales and biases, relative to g."""
     yield lambda k, b: np.sum((k * (raw - b)) ** 2, axis=1) / g**2 - 1.0
     yield lambda k, b: np.linalg.norm(k * (raw - b), axis=1) / g - 1.0
     if known:
@@ -226,7 +226,7 @@ def _fitted(
 def _linear(
     raw: Float[Array, "n 3"], g: float, places: tuple[int, ...]
 ) -> Float[Array, "9"]:
-    """Linear least squares of ``sum a y^2 - 2 a b y = const``, its scale by g."""
+    """Linear least squares of ``sum a y^2 - 2 a b y = const``, scaled by g."""
     result = FIXED.copy()
     if 3 not in places:
         D = np.column_stack([2.0 * raw, np.ones(len(raw))])

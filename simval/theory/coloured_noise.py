@@ -1,4 +1,4 @@
-r"""Bound on a noise model's coefficients, and the Allan variance of its samples.
+r"""Bound on a noise model's coefficients, and Allan variance of sampled noise.
 
 **Cramer-Rao bound, by Whittle's likelihood.** The periodogram of n rows at steps of h
 has, at the frequencies :math:`f_k = k/(n h)`, independent values with the mean
@@ -49,7 +49,7 @@ LEAST_ROWS = 16
 def noise_bound(
     n: int, rate_hz: float, *, white: Any, flicker: Any = 0.0, walk: Any = 0.0
 ) -> Float[Array, "3 3"]:
-    """Least covariance of unbiased estimates of N^2, B^2 and K^2, eq. (N9).
+    """Cramér-Rao bound on estimates of N^2, B^2 and K^2, eq. (N9).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ LONGEST: Final = 256
 
 
 def sampled_allan_law(counts: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
-    """Allan variance of samples that one unit of N^2, B^2 and K^2 leaves, eq. (N11)."""
+    """Allan variance of samples for one unit of N^2, B^2, K^2, eq. (N11)."""
     m = np.asarray(counts, dtype=float)
     flicker = [_flicker(count) if count < LONGEST else FLOOR for count in counts]
     return np.stack(

@@ -36,7 +36,7 @@ def interval_coverage(
     relative: float,
     freedom: int | None = None,
 ) -> Coverage:
-    """Probability that intervals hold the truth, eq. (B1), and what it may be off by.
+    """Chance that intervals hold the truth, eq. (B1), with its possible error.
 
     The bias and what it may be off by are in standard deviations, `relative` is what a
     stated deviation may be off by. `freedom` is that of the residuals; None where the
@@ -68,7 +68,7 @@ def ellipsoid_coverage(
     relative: float,
     freedom: int | None = None,
 ) -> Coverage:
-    """Probability that an ellipsoid holds it, eq. (B2), and what it may be off by.
+    """Chance that an ellipsoid holds the truth, eq. (B2), with its possible error.
 
     `square` is that of the bias under the inverse covariance.
     """
@@ -98,7 +98,7 @@ def _between(
 def bias_square(
     bias: Float[Array, " p"], left: Float[Array, " p"], covariance: Float[Array, "p p"]
 ) -> tuple[float, float]:
-    r"""Non-centrality :math:`\lambda` of eq. (B2), and what it may be off by."""
+    r"""Non-centrality :math:`\lambda` of eq. (B2), with its possible error."""
     sd = deviations(covariance)
     inverse = np.linalg.inv(covariance / np.outer(sd, sd))
     b, d = bias / sd, left / sd

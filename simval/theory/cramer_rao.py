@@ -1,4 +1,4 @@
-r"""Cramer-Rao bound of an attitude that is estimated from pairs of noisy vectors.
+r"""Cramér-Rao bound of an attitude from pairs of noisy vectors.
 
 The measurements are :math:`b_i = A(q) r_i^t + n_{bi}` and :math:`r_i = r_i^t + n_{ri}`;
 the unknowns are the attitude, three small body-frame angles :math:`\theta` with
@@ -97,7 +97,7 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
 
 
 def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
-    """Cramer-Rao bound of attitude from n vector pairs; see `attitude_bound`.
+    """Cramér-Rao bound of an attitude from n vector pairs; see `attitude_bound`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""Gaussian cubature of an estimator treated as a black box.
+r"""Gaussian cubature of an estimator, taken as a black box.
 
 The Smolyak rule of level L combines Gauss-Hermite rules of :math:`2l - 1` nodes,
 
@@ -302,7 +302,7 @@ def _moments(
 
 
 def joint_root(name: str, covariances: Any, vectors: Array) -> Float[Array, "m m"]:
-    """Root of the covariance of k stacked vectors, given of each or of all together.
+    """Root of the covariance of stacked vectors, given for each or for all.
 
     Raises
     ------

@@ -129,7 +129,7 @@ class AttitudeDensity(ReadOnly):
         return density.reshape(given.shape[:-1])
 
     def contains(self, q: Any, probability: float) -> Any:
-        """Say which attitudes are in the smallest region of a probability.
+        """Test which attitudes are in the smallest region of a probability.
 
         The share that it leaves outside is right to the standard error of (D4): some
         5 percent of it for a region of 90 percent, 10 for 99.9, 20 for 99.999.

@@ -1,4 +1,4 @@
-r"""Second-order error of an estimate that solves equations, and the bound on it.
+r"""Second-order error of an estimate that solves equations, with its bound.
 
 Rows :math:`r(\theta, z)` are zero at the truth without noise; z are independent noises
 of unit variance. The estimate solves :math:`J^T W r = 0`, :math:`J = \partial
@@ -55,7 +55,7 @@ _FIRST: Final = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 
 
 class Block(NamedTuple):
-    """Rows of one kind, n times m of them.
+    """Rows of one kind, m for each of n items.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class _Slopes(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimating:
-    """Equations, and the truth at which they are taken.
+    """Equations that an estimate solves, at the truth.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Estimating:
 
     @cached_property
     def information(self) -> Float[Array, "b p p"]:
-        """Information of each block of rows; eq. (E3) inverts their sum."""
+        """Information of each item; eq. (E3) inverts the sum."""
         parts = zip(self._slopes, self._VJ, strict=True)
         each = np.concatenate([at.J.mT @ w for at, w in parts])
         return each / (self._least**2 * np.outer(self._unit, self._unit))
@@ -138,7 +138,7 @@ class Estimating:
 
     @cached_property
     def noises(self) -> list[Float[Array, "n m m"]]:
-        """Covariance V of the rows of each block."""
+        """Covariance V of the rows of each item."""
         return [self._least**2 * V for V in self._V]
 
     @cached_property
@@ -153,7 +153,7 @@ class Estimating:
 
     @cached_property
     def bias(self) -> Float[Array, " p"]:
-        """Bias of second order, the mean of eq. (E2)."""
+        """Second-order bias, the mean of eq. (E2)."""
         total = np.zeros(len(self.theta))
         spread = self._moved.T @ self._moved
         own: list[Array] = [at.Z @ self._moved[at.noise] for at in self._slopes]
@@ -177,7 +177,7 @@ class Estimating:
 
     @cached_property
     def bent(self) -> float:
-        r"""What the second order adds to the normalised square of the error, eq. (E4).
+        r"""Increase of the normalised squared error by the second order, eq. (E4).
 
         By `DRAWS` draws, always the same: their standard error is a tenth of it.
         """
@@ -188,11 +188,11 @@ class Estimating:
         return float(np.trace(np.linalg.solve(unit, spread)))
 
     def first(self, z: Float[Array, "t ..."]) -> Float[Array, "t p"]:
-        """First order of each draw of the noises, of unit variance, eq. (E1)."""
+        """First-order error for draws of unit noise, eq. (E1)."""
         return z.reshape(len(z), -1) @ self.slope.T
 
     def second(self, z: Float[Array, "t ..."]) -> Float[Array, "t p"]:
-        """Second order of each draw of the noises, of unit variance, eq. (E2)."""
+        """Second-order error for draws of unit noise, eq. (E2)."""
         z, p = z.reshape(len(z), -1), len(self.theta)
         first = z @ self._moved
         total = np.zeros_like(first)
@@ -285,7 +285,7 @@ class Estimating:
     def _along(
         self, block: Block, by_theta: Any, by_y: Any, at: tuple[Any, Any] = (0.0, 0.0)
     ) -> Float[Array, "n m w"]:
-        """Derivatives of a block's rows along ways of its parameters and readings."""
+        """Derivatives of a block's rows along directions of parameters and readings."""
         step = by_y[:, None] if np.ndim(by_y) else by_y
         theta = np.atleast_2d(self.theta + at[0] + 1j * _TINY * by_theta)
         y = block.y + at[1] + 1j * _TINY * step
@@ -373,7 +373,7 @@ _RANK: Final = 1e-10  # of the greatest eigenvalue, columns of equal length
 
 
 def rank_of(information: Float[Array, "p p"]) -> int:
-    """Number of parameter combinations that it determines."""
+    """Number of parameter combinations that an information determines."""
     scale = np.sqrt(np.diagonal(information))
     scale = np.where(scale > 0.0, scale, 1.0)
     values = np.linalg.eigvalsh(information / np.outer(scale, scale))
@@ -381,7 +381,7 @@ def rank_of(information: Float[Array, "p p"]) -> int:
 
 
 def inverse_of(information: Float[Array, "p p"]) -> Float[Array, "p p"]:
-    """The inverse, by way of columns of equal length."""
+    """Inverse of an information, with columns scaled to equal length."""
     scale = np.sqrt(np.diagonal(information))
     whole = np.linalg.inv(information / np.outer(scale, scale))
     return (whole + whole.T) / 2.0 / np.outer(scale, scale)

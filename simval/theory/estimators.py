@@ -1,4 +1,4 @@
-r"""Attitude estimators of two and more vectors: their moments, and their classes.
+r"""Attitude estimators from two or more vectors: their moments, and their classes.
 
 **TRIAD, which fits the first pair exactly, to second order.** With :math:`b_i = A r_i`
 and the noise :math:`\nu_i = n_{bi} - A n_{ri}` of a pair, the estimate :math:`(I -
@@ -405,7 +405,7 @@ CLASSES: Final = ("wahba", "weighted wahba", *OF_TWO_VECTORS)
 def class_moments(
     kind: str, q: Any, references: Any, noise_std: Any, weights: Any = None
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Mean, rad, and covariance, rad^2, of the body-side rotation error of a class.
+    """Mean, rad, and covariance, rad^2, of the body-side error of a class.
 
     The `weights` are those of ``weighted wahba``, one for each reference.
 

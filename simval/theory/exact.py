@@ -102,7 +102,7 @@ _CUT: Final = 8.5
 def about_d2(
     d2: Float[Array, "... 3"], tau: Any, nodes: tuple[int, int]
 ) -> tuple[Float[Array, "... n 3"], Float[Array, "... n"]]:
-    """Directions and weights of the density (U1) around its own centre."""
+    """Directions and weights for the density (U1), about its centre."""
     length = np.linalg.norm(d2, axis=-1)
     # without noise all directions are that of d2, to rounding
     k = length / np.maximum(tau, 1e-150 * length)
@@ -304,7 +304,7 @@ def converged(
     norm: float,
     spread: tuple[float, float],
 ) -> MeanAndCovariance:
-    """Moments by directions and weights, by rules that refine until two agree.
+    """Moments by rules that are refined until two of them agree.
 
     Raises
     ------
@@ -349,7 +349,7 @@ def _sizes(moments: MeanAndCovariance) -> tuple[Scalars, Scalars]:
 def isotropic(
     noise: Noise,
 ) -> Mask:
-    """True if every covariance is a multiple of the identity, but for rounding.
+    """True if every covariance is a multiple of the identity, up to rounding.
 
     Never of stacked vectors, which may be correlated with each other.
     """
@@ -404,7 +404,7 @@ def _moments_isotropic(
 
 
 def one_minus_a(rho: Float[Array, "..."]) -> Float[Array, "..."]:
-    """1 - A of eq. (E1): the shortening of the mean of a projected Gaussian."""
+    """1 - A of eq. (E1): how much a projected Gaussian's mean is shortened."""
     safe = np.maximum(rho, _SERIES_RHO)
     squared = safe * safe
     beyond = scipy.special.erfc(safe / np.sqrt(2.0))
@@ -556,7 +556,7 @@ def _moments_any(
 
 
 def direction_maps(u: Float[Array, "n 3"]) -> tuple[Array, Array]:
-    """Maps of (d1, s1) to the components of [d1 x u; s1'u], and the basis of these.
+    """Maps of (d1, s1) to the components of [d1 x u; s1'u], and a basis of these.
 
     It lies in the span of (p, 0), (u x p, 0) and (0, 1), p normal to u.
     """

@@ -1,4 +1,4 @@
-r"""Error of the two-vector quaternion, expanded in the noise.
+r"""Error of the two-vector quaternion, expanded in powers of the noise.
 
 **Gaussian moments of the scaled error x.**
 With :math:`z_1 = (\Delta d_1, \Delta s_1)` and :math:`z_2 = \Delta d_2`, independent
@@ -160,7 +160,7 @@ def half_noise(
 ) -> tuple[
     Float[Array, "... 6 6"], Float[Array, "... 3 3"], Float[Array, "... 6 3"] | None
 ]:
-    """Covariances of (dd1, ds1), of dd2 and of one with the other, or None for 0."""
+    """Covariances of (dd1, ds1), of dd2, and between them; None for 0."""
     if noise.shape[-1] == 12:
         half = 0.5 * np.eye(3)
         turned = half * geometry.turn[..., None, :]
@@ -183,7 +183,7 @@ def half_noise(
 def mean_linear_error(
     geometry: TwoVectorGeometry, means: Float[Array, "... 4 3"]
 ) -> Float[Array, "... 4"]:
-    """Mean of the linear part of x when the noise has a mean."""
+    """Mean of the linear part of x if the noise has a mean."""
     J1, J2 = linear_maps(geometry)
     b1, b2 = means[..., 0, :], means[..., 1, :]
     r1, r2 = geometry.turn * means[..., 2, :], geometry.turn * means[..., 3, :]
@@ -363,18 +363,18 @@ _LEAST = EPS**2
 
 
 def unit_length_defect(mean_square: float, inward: float) -> float:
-    """Left less right of (L1), over the left: of a mean square and q'm."""
+    """Relative difference of both sides of (L1), for given moments."""
     return (mean_square - 2.0 * inward) / max(mean_square, _LEAST)
 
 
 def predicted_defect(predicted: Moments, q: Float[Array, "4"]) -> float:
-    """Defect of a predicted bias and covariance about a true quaternion."""
+    """Relative defect of (L1) for a predicted bias and covariance."""
     square = float(np.trace(predicted.second_moment))
     return unit_length_defect(square, float(q @ predicted.bias))
 
 
 def unit_length_rounding(mean_square: float, off: float = 0.0) -> float:
-    r"""Size of the defect that rounding alone can make.
+    r"""Size of the defect that rounding alone makes.
 
     A normalised quaternion has a squared length within 8 roundings of 1 (squares, sum,
     root, division), 4 eps; so has the truth. Each error and mean is rounded by its own
@@ -395,7 +395,7 @@ def mapped_column(
     *,
     symmetric: bool,
 ) -> Shaped[Array, "... 4"]:
-    """One column, mapped back, from any vectors: of numbers or of power series."""
+    """One column mapped back, for numbers or power series."""
     turn, back = column_maps()[place]
     d1, s1 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2
     d2, s2 = (b2 - turn * r2) / 2, (b2 + turn * r2) / 2
@@ -412,7 +412,7 @@ def column_matrix(
     r1: Shaped[Array, "... 3"],
     r2: Shaped[Array, "... 3"],
 ) -> Shaped[Array, "... 4 4"]:
-    """Four columns with the symmetric scalar, mapped back, from any vectors."""
+    """All four columns mapped back, with the symmetric scalar."""
     columns = [mapped_column(b1, b2, r1, r2, k, symmetric=True) for k in range(4)]
     return np.stack(columns, axis=-1)
 
@@ -420,7 +420,7 @@ def column_matrix(
 def two_vector_direction(
     place: int, *, frame: str | None, normalized: bool, sign: float = 1.0
 ) -> Callable[..., Shaped[Array, "... 4"]]:
-    """Arithmetic of a column, of all from the one at that place, or of the optimum."""
+    """Arithmetic of one column, of all combined, or of the optimum."""
 
     def estimate(*vectors: Shaped[Array, "... 3"]) -> Shaped[Array, "... 4"]:
         b1, b2, r1, r2 = (unit(v) for v in vectors) if normalized else vectors
@@ -436,7 +436,7 @@ def two_vector_direction(
 
 
 def unit(v: Shaped[Array, "... m"]) -> Shaped[Array, "... m"]:
-    """Direction of vectors, of numbers or of power series."""
+    """Vectors divided by their length, for numbers or power series."""
     return v * np.sum(v * v, axis=-1, keepdims=True) ** -0.5
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from simval.account import Account, Fact, Line, Quantity, Reply, Told, Values
 from simval.arrays import ReadOnly
 from simval.spelling import rounded
-from simval.theory.filter_model import GYROSCOPE, CalibrationError
+from simval.theory.filter_model import GYROSCOPE, CalibrationError, RowError
 from simval.theory.filter_settings import (
     BAND,
     COARSE,
@@ -39,13 +39,13 @@ OTHERS: Final[Mapping[str, Factors]] = {TRUE: {}} | {
 HALF: Final = 0.5
 NO_GAIN: Final = 0.99  # of an error over that of now
 RIGHT: Final = 0.055  # logarithm of an error that is stated as right: 5 %
-UNEVEN: Final = 5.0  # times of an error about one axis, stated, that are said
+UNEVEN: Final = 5.0  # times the real error about one axis that is reported
 FORCE, FIELD = Unit("mm/s²", 1e3), Unit("µT", 1e6)
 GIVEN: Final = {
-    NOISE: ("gyroscope noise N", OF_A_DATA_SHEET["gyro"]["N"]),
-    WALK: ("gyroscope walk K", OF_A_DATA_SHEET["gyro"]["K"]),
-    "accelerometer": ("accelerometer noise, a row", FORCE),
-    "magnetometer": ("magnetometer noise, a row", FIELD),
+    NOISE: ("gyroscope white noise N", OF_A_DATA_SHEET["gyro"]["N"]),
+    WALK: ("gyroscope random walk K", OF_A_DATA_SHEET["gyro"]["K"]),
+    "accelerometer": ("accelerometer noise per reading", FORCE),
+    "magnetometer": ("magnetometer noise per reading", FIELD),
 }
 """Words and unit of what a filter is given."""
 SHIFTED: Final = {
@@ -57,7 +57,7 @@ SHIFTED: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterAdvice(ReadOnly, Told):
-    """What a filter should be given, what it then achieves, and what would help.
+    """What noise to give a filter, what it then achieves, and what would help.
 
     Attributes
     ----------
@@ -89,14 +89,14 @@ class FilterAdvice(ReadOnly, Told):
     ends: tuple[FilterEffect, ...]
 
     def given(self, factors: Factors) -> dict[str, float]:
-        """Largest of the axes, SI: N, K and the noise of a row of each sensor."""
+        """Largest axis of each noise, SI: N, K, and the noise of each sensor's row."""
         told = self.cases[0].told(factors)
         found = {NOISE: told.gyroscope_noise, WALK: told.gyroscope_walk}
         found |= {each.name: each.std for each in told.sensors}
         return {name: float(np.max(value)) for name, value in found.items()}
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values: rad, SI units."""
+        """Return the advice as plain JSON values in rad and SI units."""
         effects = {"achieved": self.settings.effect, **self.others}
         return {
             "honest": self.settings.honest,
@@ -112,7 +112,7 @@ class FilterAdvice(ReadOnly, Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the advice."""
         return advice_account(self)
 
 
@@ -185,7 +185,7 @@ def filter_advice(
     )
 
 
-# ---- words
+# ---- sentences
 
 
 def _angle(value: float) -> str:
@@ -193,13 +193,13 @@ def _angle(value: float) -> str:
 
 
 def _stated(found: FilterEffect) -> str:
-    """What a filter states of its error, by its NEES."""
+    """Say what error a filter states, from its NEES."""
     ratio = float(np.sqrt(3.0 / found.nees.max()))
     if abs(np.log(ratio)) < RIGHT:
         return "states its error right"
     if ratio < 1.0:
-        return f"states {rounded(1.0 / ratio)} times too small an error"
-    return f"states {rounded(ratio, 3)} times its error"
+        return f"states an error {rounded(1.0 / ratio)} times too small"
+    return f"states {rounded(ratio, 3)} times that"
 
 
 def _nees(*found: FilterEffect) -> str:
@@ -219,21 +219,27 @@ def advice_account(found: FilterAdvice) -> Account:
     ]
     true = found.given({})
     lines = [
-        Line(words, unit.name, [_cell("true", true[name]), _cell("to give", value)],
-             factor=unit.factor)
+        Line(words, unit.name, [_cell(f"{words}, true", unit.factor * true[name]),
+                                _cell(f"{words}, to give", unit.factor * value)])
         for name, value in found.given(found.settings.factors).items()
         for words, unit in [GIVEN[name]]
         if value > 0.0
     ]  # fmt: skip
     whole = sum(x**2 for x in effect.sources.values())
+    errors = [x for each in found.cases for x in each.errors]
+    rows = dict.fromkeys(x.name for x in errors if isinstance(x, RowError))
     ordered = sorted(effect.sources.items(), key=lambda each: -each[1])
-    shares = {name: 100.0 * x**2 / whole for name, x in ordered if x > 0.0}
+    shares = [
+        (", ".join(rows) if name == "disturbance" else name, x, 100.0 * x**2 / whole)
+        for name, x in ordered
+        if x > 0.0
+    ]
     sources = [
-        Line(name, "", [_cell(f"{name}, °", DEGREE.factor * effect.sources[name]),
+        Line(name, "", [_cell(f"{name}, °", DEGREE.factor * x),
                         _cell(f"{name}, %", share)])
-        for name, share in shares.items()
+        for name, x, share in shares
     ]  # fmt: skip
-    source, share = next(iter(shares.items()))
+    (source, _, share), *_ = shares
     return Account(
         title="Settings of a filter",
         said=f"{several}{seconds:.4g} s at "
@@ -250,17 +256,18 @@ def advice_account(found: FilterAdvice) -> Account:
             _help(found.halves),
         ],
         values=[
-            Values(title="settings", lines=lines, heads=("true", "to give")),
+            Values(title="noise settings", lines=lines,
+                   heads=("true noise", "give the filter")),
             Values(title="error by source", lines=sources,
-                   heads=("°", "% of the square")),
+                   heads=("error, °", "% of squared error")),
         ],
-        facts=[Fact("temperature", "an error as large as now is made alone by a change "
-                    f"of {', or '.join(shifts)}; compare what it changes")],
+        facts=[Fact("temperature", "it changes scales and offsets; any one of these "
+                    f"changes makes as large an error: {', '.join(shifts)}")],
     )  # fmt: skip
 
 
 def _cell(name: str, value: float) -> Quantity:
-    return Quantity(name, float(f"{value:.4g}"))
+    return Quantity(name, float(f"{value:.3g}"))
 
 
 def _give(found: FilterAdvice) -> Reply:
@@ -277,14 +284,14 @@ def _give(found: FilterAdvice) -> Reply:
     wide = achieved.overstated
     uneven = f", but {rounded(wide)} times about one axis" * (wide > UNEVEN)
     lines = [
-        f"NEES {_nees(achieved)}, where 3 is right and {low:g} to {high:g} is asked.",
+        f"NEES {_nees(achieved)}; 3 is right, and {low:g} to {high:g} is asked for.",
         f"With perfect calibrations it would err by {_angle(found.bound)}.",
     ]
     if found.ends:
         errors = " to ".join(map(_angle, sorted(each.worst for each in found.ends)))
         lines.append(
-            f"With the inputs at the ends of their intervals it errs by {errors}, NEES "
-            f"{_nees(*found.ends)}."
+            f"With the inputs at the ends of their intervals it errs by {errors}, with "
+            f"a NEES of {_nees(*found.ends)}."
         )
     return Reply(
         title="What should the filter be given?",
@@ -303,7 +310,7 @@ def _cost(found: FilterAdvice) -> Reply:
     for name, x in found.others.items():
         times = rounded(x.worst / found.settings.effect.worst, 3)
         much = f"{times} times as much" if times != "1" else "as much"
-        said[f"With {name} {_angle(x.worst)}, {much}; it {_stated(x)}"] = x
+        said[f"With {name} it errs by {_angle(x.worst)}, {much}, and {_stated(x)}"] = x
     true, *_, tenfold = said
     return Reply(
         title="What do other settings cost?",
@@ -321,14 +328,16 @@ def _help(halves: Mapping[str, float]) -> Reply:
         for name, x in sorted(halves.items(), key=lambda each: each[1])
     ]
     name, _, gain = gains[0].partition(": ")
+    what = f"{name} error" if name.endswith("calibration") else name
     helps = gain.endswith("error")
     how = "A better part, or several averaged."
     if name.endswith("calibration"):
-        how = "Four times the poses halve it, or half of their noise (simval plan)."
+        how = "Four times the poses halve it, or half their noise (simval plan)."
     return Reply(
         title="What would help most?",
-        headline="Half of one source, with settings found anew: "
-        f"{gains[0] if helps else 'none gains 1 %'}.",
+        headline=f"Half the {what}: {gain}, with settings found anew."
+        if helps
+        else "Nothing much: half of any one source lowers the error by less than 1 %.",
         do=how if helps and not name.endswith("disturbance") else "",
         lines=tuple(gains[helps:]),
     )

@@ -1,4 +1,4 @@
-r"""Error budget of a filter, source by source, with settings that may be wrong.
+r"""Error budget of a filter, source by source, even with wrong settings.
 
 The filter's gains are those of the model it is told, P by eq. (F2), and the errors are
 those of the true one. With :math:`U_i = P H_i^T R_i^{-1}` of the told noise and
@@ -74,7 +74,7 @@ from simval.theory.filter_recursion import (
 
 
 class State(NamedTuple):
-    """Before a row: what the filter states, covariances by source, columns."""
+    """State before a row: what the filter states, and its real error by source."""
 
     P: Float[Array, "6 6"]
     X: Float[Array, "s 6 6"]
@@ -88,7 +88,7 @@ class State(NamedTuple):
         errors: tuple[Error, ...],
         start_error: Any,
     ) -> "State":
-        """Before the first row."""
+        """State before the first row."""
         X = np.zeros((3 + len(truth.sensors), 6, 6))
         X[0] = truth.start
         S = np.zeros((6, sum(each.parameters for each in errors) + 1))
@@ -105,7 +105,7 @@ Answer = tuple[Array, Array, Array, Array, Array, Array]
 
 
 class Part(NamedTuple):
-    """A range of rows, for the true model and for the assumed one."""
+    """A range of rows, linearised for the true and the assumed model."""
 
     truth: Steps
     told: Steps
@@ -132,7 +132,7 @@ class Part(NamedTuple):
         return cls(truth=steps, told=other, errors=errors, names=names, B=B)
 
     def run(self, state: State, some: Places) -> tuple[State, Answer]:
-        """State after the last row, and the answer at some rows."""
+        """State after the last row, and results at some rows."""
         P = covariances(self.told, state.P)
         X, S = scan(self._maps(P[1:]), (state.X, state.S), carry_linear, apply_linear)
         last = State(P=P[-1], X=X[-1], S=S[-1])
@@ -146,7 +146,7 @@ class Part(NamedTuple):
         return P[:, None, :, :3] @ weighted
 
     def _maps(self, P: Float[Array, "t 6 6"]) -> tuple[Array, Array, Array]:
-        """A, N by source, D by column, eq. (F7), from the assumed P after each row."""
+        """A, N by source and D by column, eq. (F7), given the assumed P."""
         truth, U = self.truth, self._gains(P)
         M = np.tile(np.eye(6), (len(P), 1, 1))
         M[:, :, :3] -= P[:, :, :3] @ self.told.informations.sum(axis=1)
@@ -171,7 +171,7 @@ class Part(NamedTuple):
         S: Float[Array, "n 6 p"],
         some: Places,
     ) -> tuple[Float[Array, "k 3 3"], Float[Array, " k"], Float[Array, " k"]]:
-        """Of some rows the attitude's second moment before, NIS, and their readings."""
+        """For some rows: second moment before the update, NIS and its size."""
         k, s = len(some), len(self.names)
         H = self.truth.H[some].reshape(k, 3 * s, 3)
         Ht = H.mT
@@ -206,7 +206,7 @@ class Part(NamedTuple):
 def spread(
     S: Float[Array, "k m p"], errors: tuple[Error, ...]
 ) -> tuple[list[str], Float[Array, "c k m m"], Float[Array, "k m"]]:
-    """Names and covariances of uncertain calibrations, and the mean of the known."""
+    """Names and covariances of uncertain calibrations, and the known mean."""
     names, parts, start = [], [], 0
     mean = S[..., -1].copy()
     for each in errors:
@@ -227,7 +227,7 @@ def spread(
 def _of_columns(
     S: Float[Array, "k m p"], errors: tuple[Error, ...]
 ) -> Float[Array, "k m m"]:
-    """Second moment that errors of readings make."""
+    """Second moment that errors of the readings cause."""
     _, parts, mean = spread(S, errors)
     return parts.sum(axis=0) + outer(mean, mean)
 
@@ -238,7 +238,7 @@ def _diagonal(values: Float[Array, "k m"]) -> Float[Array, "k m m"]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterPrediction(ReadOnly):
-    """Error of a filter at some rows, after their measurements.
+    """Predicted error of a filter at some rows.
 
     Attributes
     ----------
@@ -274,11 +274,11 @@ class FilterPrediction(ReadOnly):
 
     @property
     def second_moment(self) -> Float[Array, "k 6 6"]:
-        """Covariance of all sources and the square of the mean, (k, 6, 6)."""
+        """Covariance by all sources plus the square of the mean, (k, 6, 6)."""
         return self.parts.sum(axis=0) + outer(self.mean, self.mean)
 
     def nees(self, size: int = 6) -> Float[Array, " k"]:
-        """Expected square of the normalised error, eq. (F8).
+        """Expected normalised squared error, eq. (F8).
 
         Parameters
         ----------
@@ -295,7 +295,7 @@ class FilterPrediction(ReadOnly):
         return np.linalg.trace(np.linalg.solve(P, moment))
 
     def rms(self) -> Float[Array, " k"]:
-        """Root of the mean square of the attitude's error per axis.
+        """RMS attitude error per axis.
 
         Returns
         -------
@@ -306,7 +306,7 @@ class FilterPrediction(ReadOnly):
 
     @property
     def second_order(self) -> Float[Array, " k"]:
-        """Second order over the stated deviation, of its own rows, eq. (F15).
+        """Ratio of the second order to the stated deviation, eq. (F15).
 
         Returns
         -------
@@ -336,7 +336,7 @@ def filter_prediction(
     start_error: Any = None,
     keep: Any = 1,
 ) -> FilterPrediction:
-    """Predict a filter's error, NEES and NIS, to first order of the error.
+    """Predict a filter's error, NEES and NIS, to first order.
 
     Parameters
     ----------
@@ -407,7 +407,7 @@ def _told(told: FilterModel, truth: FilterModel) -> FilterModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FirstUpdate(ReadOnly):
-    """A filter after its first row: the state that `filter_prediction` starts from.
+    """A filter after its first row, from which `filter_prediction` can start.
 
     Attributes
     ----------
@@ -429,7 +429,7 @@ class FirstUpdate(ReadOnly):
 def first_update(
     path: FilterPath, truth: FilterModel, turn: Any, *, told: FilterModel | None = None
 ) -> FirstUpdate:
-    """Take one first-order update from a start that is off by a known turn, eq. (F12).
+    """First-order update from a start with a known error, eq. (F12).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""Model of an attitude filter: path, sensors, start, and errors of its readings.
+r"""Model of an attitude filter: its path, sensors, start, and reading errors.
 
 The path is the truth: attitudes A of the body before the first row and at every row,
 and the turn :math:`\phi_k` of the body between, :math:`A_k = e^{-[\phi_k\times]}
@@ -97,7 +97,7 @@ class FilterPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorSensor:
-    """A sensor of a vector that is known in the world, or of its direction.
+    """A sensor of a vector, or of its direction, that is known in the world.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class VectorSensor:
             whole_number("rows", self.rows, 1)
 
     def active(self, T: int) -> Mask:
-        """Rows at which it measures.
+        """Rows in which it measures.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class VectorSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterModel:
-    """Noise of a gyroscope and vector sensors, and a start: true, or assumed.
+    """Noise of the sensors, and the start, true or assumed.
 
     Attributes
     ----------
@@ -221,17 +221,17 @@ class Steps(NamedTuple):
 
     @property
     def Q(self) -> Float[Array, "T 6 6"]:
-        """Noise of the step, both kinds."""
+        """Noise of a step, of both kinds."""
         return self.white + self.walk
 
     @property
     def informations(self) -> Float[Array, "T s 3 3"]:
-        """Information of each sensor's row on the attitude."""
+        """Information on the attitude from each sensor's row."""
         return self.H.mT @ (self.weight[:, :, None] * self.H)
 
 
 def steps_of(path: FilterPath, model: FilterModel, active: Mask, rows: slice) -> Steps:
-    """Linearise some rows of a path; `active` is that of all rows."""
+    """Linearise some rows of a path."""
     h = path.dt[rows, None, None]
     q = path.attitude[rows.start : rows.stop + 1]
     turn = compose(conjugate(q[:-1]), q[1:])
@@ -281,7 +281,7 @@ def _levels(name: str, value: Any, above: bool = False) -> Float[Array, "3"]:
 
 
 def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
-    """Require a covariance of so many numbers.
+    """Check a covariance of a given size.
 
     Raises
     ------
@@ -313,7 +313,7 @@ greater ones is rounded like them, to 1e-16, and is judged by 1e-9 of the square
 
 
 def scales(P: Float[Array, "... p p"]) -> Float[Array, "... p"]:
-    """Scale of each number of a covariance, by which even a singular one is judged.
+    """Scale of each component of a covariance, even a singular one.
 
     Standard deviations, but none below `LEAST_SCALE` of the greatest in its unit: the
     last three numbers have one, those before them another; nine have one.
@@ -386,7 +386,7 @@ class CalibrationError:
 
     @property
     def parameters(self) -> int:
-        """Number of its parameters."""
+        """Number of parameters."""
         return MATRIX if self.of in (GYROSCOPE, G_SENSITIVITY) else AFFINE
 
     @property
@@ -395,7 +395,7 @@ class CalibrationError:
         return "g-sensitivity" if self.of == G_SENSITIVITY else f"{self.of} calibration"
 
     def times(self, factor: float) -> "CalibrationError":
-        """Return one of deviations so many times as large.
+        """Return the error with deviations scaled by a factor.
 
         Parameters
         ----------
@@ -413,7 +413,7 @@ class CalibrationError:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RowError:
-    """Known error of every reading of a sensor.
+    """Known error of each reading of a sensor.
 
     Attributes
     ----------
@@ -441,7 +441,7 @@ class RowError:
 
     @property
     def parameters(self) -> int:
-        """One: its size."""
+        """One parameter: the size of the error."""
         return 1
 
     @property
@@ -450,7 +450,7 @@ class RowError:
         return f"{self.of} disturbance"
 
     def times(self, factor: float) -> "RowError":
-        """Return one so many times as large.
+        """Return the error scaled by a factor.
 
         Parameters
         ----------
@@ -469,14 +469,14 @@ Error = CalibrationError | RowError
 
 
 def channel(error: Error) -> str:
-    """Sensor whose readings are off."""
+    """Sensor whose readings have the error."""
     return GYROSCOPE if error.of == G_SENSITIVITY else error.of
 
 
 def by_parameters(
     error: Error, truth: Float[Array, "t 3"], rows: slice
 ) -> Float[Array, "t 3 p"]:
-    """B of eq. (F6) of some rows, whose true reading is `truth`."""
+    """Matrix B of eq. (F6) for some rows, from the true readings."""
     if isinstance(error, RowError):
         return error.rows[rows, :, None]
     if error.force is not None:
@@ -488,7 +488,7 @@ def by_parameters(
 
 
 def check_errors(errors: Any, sensors: tuple[str, ...], T: int) -> tuple[Error, ...]:
-    """Require errors of sensors that there are, one for each of T steps.
+    """Check that errors are of existing sensors, with one row a step.
 
     Raises
     ------
@@ -526,7 +526,7 @@ def _kron(x: Float[Array, "t 3"]) -> Float[Array, "t 3 9"]:
 def calibration_error(
     of: str, matrix: Any, covariance: Any, *, form: Model | None = None
 ) -> CalibrationError:
-    """Errors of readings that are corrected by an uncertain calibration, eq. (F13).
+    """Error of readings that an uncertain calibration corrects, eq. (F13).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""Bound on attitude filters, and recursions over many rows.
+r"""Bound on attitude filters, by recursions over many rows.
 
 **Blocks of rows that advance together.** The rows are cut into about as many blocks as
 a block has rows. For all blocks at once, the map from the block's start to each of its
@@ -110,7 +110,7 @@ def scan(
 
 
 def carry_riccati(map_: Matrices | None, row: Matrices) -> Matrices:
-    """A, C and J after a row F, Q and information on the attitude, eq. (F4)."""
+    """Extend a map A, C, J by a row, eq. (F4)."""
     F, Q, information = row
     if map_ is None:
         P, M, J = Q, F, np.zeros_like(F)
@@ -125,7 +125,7 @@ def carry_riccati(map_: Matrices | None, row: Matrices) -> Matrices:
 
 
 def apply_riccati(state: Matrices, maps: Matrices) -> Matrices:
-    """Covariances after maps, eq. (F3), from a root of those before."""
+    """Covariances after some maps, eq. (F3), from a root of the first."""
     A, C, J = maps
     R = _root(state[0])
     middle = np.linalg.inv(np.eye(SIZE) + R.mT @ J @ R)
@@ -142,7 +142,7 @@ def _root(P: Float[Array, "... 6 6"]) -> Float[Array, "... 6 6"]:
 
 
 def carry_linear(map_: Matrices | None, row: Matrices) -> Matrices:
-    """One linear row after a map, eq. (F5): A, N by source and D by column."""
+    """Extend a linear map by a row, eq. (F5)."""
     if map_ is None:
         return row
     A_i, N_i, D_i = map_
@@ -170,7 +170,7 @@ TOGETHER: Final = 1 << 14
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterBound(ReadOnly):
-    """Least covariance of a filter's error at some rows.
+    """Least covariance of any filter's error at some rows.
 
     Attributes
     ----------
@@ -189,7 +189,7 @@ class FilterBound(ReadOnly):
 
     @property
     def attitude_sd(self) -> Float[Array, " k"]:
-        """Root of the mean over the axes of the attitude's variance, rad, (k,)."""
+        """Least attitude error, RMS over the axes, rad, (k,)."""
         return np.sqrt(np.linalg.trace(self.covariance[:, :3, :3]) / 3.0)
 
 
@@ -234,7 +234,7 @@ def filter_bound(path: FilterPath, model: FilterModel, *, keep: Any = 1) -> Filt
 
 
 def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "n 6 6"]:
-    """Covariance before the first of some rows, and after each."""
+    """Covariance before the first row, and after each."""
     rows = steps.F, steps.Q, steps.informations.sum(axis=1)
     (P,) = scan(rows, (start,), carry_riccati, apply_riccati)
     return np.concatenate([start[None], P])
@@ -243,18 +243,18 @@ def covariances(steps: Steps, start: Float[Array, "6 6"]) -> Float[Array, "n 6 6
 def predicted(
     steps: Steps, P: Float[Array, "T 6 6"], some: Places
 ) -> Float[Array, "k 6 6"]:
-    """Covariance after the step of some rows, before their measurements."""
+    """Covariance at some rows, before their measurements."""
     F = steps.F[some]
     return F @ P[some] @ F.mT + steps.Q[some]
 
 
 def chunks(T: int) -> list[slice]:
-    """Rows that are worked on together."""
+    """Slices of rows that are processed together."""
     return [slice(a, min(a + TOGETHER, T)) for a in range(0, T, TOGETHER)]
 
 
 def kept_rows(keep: Any, T: int) -> Places:
-    """Rows to keep, of every so many the last.
+    """Rows to keep: the last of every so many.
 
     Raises
     ------

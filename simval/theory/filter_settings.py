@@ -1,4 +1,4 @@
-r"""Settings of a filter whose readings have errors that it does not know.
+r"""Settings for a filter whose readings have errors that it does not know.
 
 A filter that is told the true noise states a covariance that knows nothing of what a
 calibration left (`simval.theory.filter_budget`). Told more, it states more, and leans
@@ -69,7 +69,7 @@ DECADE: Final = 0.005
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterCase:
-    """A motion, its sensors, and what their readings are off by.
+    """A motion, with its sensors and the errors of their readings.
 
     Attributes
     ----------
@@ -112,12 +112,12 @@ class FilterCase:
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """Names of what a filter can be told more of."""
+        """Names of the noises whose settings may be raised."""
         walk = (WALK,) * bool(np.all(self.truth.gyroscope_walk > 0.0))
         return (NOISE, *(each.name for each in self.truth.sensors), *walk)
 
     def told(self, factors: Factors) -> FilterModel:
-        """The model that a filter is told."""
+        """The model that a filter is given."""
         truth = self.truth
         return replace(
             truth,
@@ -129,7 +129,7 @@ class FilterCase:
         )
 
     def prediction(self, factors: Factors) -> FilterPrediction:
-        """Error and NEES with settings, at rows spread over the time asked of."""
+        """Error and NEES with some settings, at rows spread over the time."""
         rows = np.flatnonzero(np.cumsum(self.path.dt) > self.settle)
         some = np.unique(np.linspace(0, len(rows) - 1, KEPT).round().astype(np.intp))
         return filter_prediction(
@@ -138,12 +138,12 @@ class FilterCase:
         )  # fmt: skip
 
     def scaled(self, by: Factors) -> "FilterCase":
-        """The same with other noise, and other errors by their names."""
+        """The same case with noises or errors scaled, by name."""
         errors = tuple(each.times(by.get(each.name, 1.0)) for each in self.errors)
         return replace(self, truth=self.told(by), errors=errors)
 
     def coarse(self, rows: int) -> "FilterCase":
-        """The same of about so many rows, each of the information of several."""
+        """The same case with about so many rows, each worth several."""
         k = max(1, len(self.path.dt) // rows)
         T = len(self.path.dt) // k
         sensors = (replace(s, std=s.std / np.sqrt(k)) for s in self.truth.sensors)
@@ -164,7 +164,7 @@ class FilterCase:
 
 
 class FilterEffect(NamedTuple):
-    """What a filter achieves over motions, each a mean over its rows."""
+    """What a filter achieves on some motions, each a mean over its rows."""
 
     rms: Float[Array, " m"]  # of the attitude's error per axis, rad, by motion
     nees: Float[Array, "m p"]  # by motion and part of its time; 3 where all is true
@@ -175,21 +175,21 @@ class FilterEffect(NamedTuple):
 
     @property
     def overstated(self) -> float:
-        """Times of its error that it states about the axis where that is most."""
+        """Largest ratio of the stated to the real error about any axis."""
         return float(1.0 / self.axes[:, 0].min())
 
     @property
     def worst(self) -> float:
-        """Greatest error of a motion, rad."""
+        """Largest error on any motion, rad."""
         return float(self.rms.max())
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values."""
+        """Return the effect as plain JSON values."""
         axes = [self.axes[:, 0].min(), self.axes[:, 1].max()]
         return {"rms": self.worst, "nees": self.nees.tolist(), "axes": axes}
 
     def excess(self, band: tuple[float, float]) -> Float[Array, " c"]:
-        """Logarithms by which NEES is out of a band: none above 0 is honest."""
+        """How far NEES is outside a band, as logarithms; 0 or less is inside."""
         low, high = np.log(band)
         above = np.log(self.nees.ravel()) - high
         return np.append(above, low - np.log(self.nees.mean(axis=0)))
@@ -198,7 +198,7 @@ class FilterEffect(NamedTuple):
 def effect(
     cases: Sequence[FilterCase], factors: Factors, parts: int = 1
 ) -> FilterEffect:
-    """Predict what settings achieve.
+    """Predict what some settings achieve.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def honest_settings(
     parts: int = 1,
     start: Factors | None = None,
 ) -> FilterSettings:
-    """Find the honest settings of least error, eq. (F16).
+    """Find the settings of least error whose NEES is in a band, eq. (F16).
 
     Parameters
     ----------
@@ -313,18 +313,18 @@ class _Point(NamedTuple):
     excess: Float[Array, " c"]
 
     def rank(self) -> tuple[float, float]:
-        """How far out of the band, and the error."""
+        """Sort key: excess over the band, then the error plus a little for factors."""
         spread = sum(np.log10([*self.factors.values()]))
         return max(0.0, self.excess.max()), float(self.rms.max()) + DECADE * spread
 
     def penalty(self) -> float:
-        """Of one number: a factor of all noise moves NEES, and the error not at all."""
+        """One number to minimise: the excess over the band, plus the error."""
         return sum(self.rank())
 
 
 @dataclass(frozen=True)
 class _Search:
-    """Settings of cases in a band; what was looked at is not computed again."""
+    """Search for settings in a band, which computes nothing twice."""
 
     cases: Sequence[FilterCase]
     band: tuple[float, float]
@@ -341,7 +341,7 @@ class _Search:
         return _Point(dict(factors), *self.seen[key])
 
     def all(self) -> _Point:
-        """A grid, two variables, and a third if it gains."""
+        """Search a grid, then two noises, and a third if that helps."""
         _, *others = self.cases[0].factors
         grids = {s: self.grid(s) for s in others if s != WALK}
         sensor = min(grids, key=lambda s: grids[s][0].penalty())
@@ -355,7 +355,7 @@ class _Search:
         return best if left < out or less < error + np.log1p(-GAIN) else two
 
     def grid(self, *sensors: str) -> list[_Point]:
-        """The best of whole decades, near the band and, if it is another, within."""
+        """The best whole decades near the band, and the best within it."""
         whole = [10.0**a for a in np.arange(MOST)]
         pairs = ({NOISE: a} | dict.fromkeys(sensors, b) for a in whole for b in whole)
         points = [self.at(each) for each in pairs]
@@ -363,7 +363,7 @@ class _Search:
         return [near] if near.factors == within.factors else [near, within]
 
     def local(self, start: _Point) -> _Point:
-        """Least error within the band, or least out of it, from a start."""
+        """Settings of least error within the band, or nearest to it, from a start."""
         names, n, mine = tuple(start.factors), len(start.factors), [start]
 
         def room(x: Float[Array, " n"], inward: bool) -> Float[Array, " c"]:

@@ -1,4 +1,4 @@
-r"""Bound and bias of a calibration of two or three sensors by rests and rotations.
+r"""Bound and bias of a calibration of two or three sensors, by rests and rotations.
 
 Unknown are the sensors (the accelerometer's nine parameters, the gyroscope's M row by
 row and B, the magnetometer's matrix, hard iron and the dip: 21 or 34) and the attitude
@@ -70,7 +70,7 @@ _IRON, _HARD, _DIP = slice(21, 30), slice(30, 33), 33
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovePath:
-    """Rotations between rests, each in segments of a fixed axis.
+    """Rotations between rests, each made of turns about fixed axes.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class MovePath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GyroscopeMoments(ReadOnly):
-    """Predicted error of a calibration of both sensors.
+    """Predicted error of a calibration of accelerometer and gyroscope.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ def gyroscope_moments(
     angle_random_walk: float | None = None,
     form: Model = "triangular",
 ) -> GyroscopeMoments:
-    """Bound the error of a calibration from the sensors, rests and rotations.
+    """Bound the error of a calibration of two sensors from rests and rotations.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def nine_axis_moments(
     angle_random_walk: float | None = None,
     form: Model = "triangular",
 ) -> NineAxisMoments:
-    """Bound the error of a calibration from the sensors, rests and rotations.
+    """Bound the error of a calibration of three sensors from rests and rotations.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ def equations(
     *,
     by_segment: bool = False,
 ) -> Estimating:
-    """Rows (Y1) to (Y3) of sensors that read so many vectors of the world at rest.
+    """Rows (Y1) to (Y3) of sensors that read some vectors of the world at rest.
 
     Gravity, and the field where there are two: strengths, directions at each rest,
     noise. Each segment of a move has noise of its own, or a move that of eq. (Y4).
@@ -478,7 +478,7 @@ def _bound(equations: Estimating) -> Float[Array, "p p"]:
 
 
 def _angle_root(M: Float[Array, "3 3"], path: MovePath) -> Float[Array, "k 3 3"]:
-    """Triangular root of the covariance (Y4) of each rotation's angle, N = 1."""
+    """Triangular root of the covariance (Y4) of each rotation, for N = 1."""
     rotation = scipy.spatial.transform.Rotation
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     covariance = np.zeros((len(path.turns), 3, 3))
@@ -511,7 +511,7 @@ def _exponential(v: Inexact[Array, "... 3"]) -> Inexact[Array, "... 3 3"]:
 
 
 def _across(vectors: Float[Array, "k s 3"]) -> Float[Array, "k r s 3"]:
-    """E and a of eq. (Y2), each in the place of its vector."""
+    """E and a of eq. (Y2) for each vector."""
     u = vectors[:, 0]
     # from the axis that it is farthest from
     first = normalize(np.cross(u, np.eye(3)[np.argmin(np.abs(u), axis=1)]))

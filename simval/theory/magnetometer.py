@@ -1,4 +1,4 @@
-r"""Second-order error of a magnetometer's calibration, joint and in two steps.
+r"""Second-order error of a magnetometer's calibration, joint or in two steps.
 
 A pose of unknown attitude leaves of its six readings three equations,
 
@@ -73,7 +73,7 @@ PARAMETERS = 22
 
 
 class Problem(NamedTuple):
-    """Sensors and readings at the truth, and the noise; readings y_a, then y_m."""
+    """Sensors, readings and noise at the truth; readings y_a, then y_m."""
 
     form: Model
     g: float
@@ -96,7 +96,7 @@ def problem_of(
     field: Any,
     form: Any,
 ) -> Problem:
-    """Check the arguments and lay out the poses.
+    """Check the arguments and set up the poses.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def problem_of(
 
 
 def dip_angle(value: Any) -> float:
-    """Require the dip of a field that determines a heading.
+    """Check the dip of a field that determines a heading.
 
     Raises
     ------

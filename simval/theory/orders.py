@@ -1,4 +1,4 @@
-r"""What an expansion in the noise leaves out, and the lowest order that may be used.
+r"""What an expansion in the noise leaves out, and which order suffices.
 
 **Remainder of an expansion.** With :math:`F_k` the expansion of a moment to order k,
 :math:`F_4` the complete fourth order, t the trace of :math:`C_2` (the mean square of
@@ -49,7 +49,7 @@ _SIXTH = 2.0  # of eq. (R1), measured
 
 
 class Remainder(NamedTuple):
-    """Greatest error of any entry of a predicted bias and of a covariance."""
+    """Largest error of an entry of a predicted bias and of a covariance."""
 
     bias: float
     covariance: float
@@ -58,7 +58,7 @@ class Remainder(NamedTuple):
 def expansion_remainders(
     found: Mapping[Any, AttitudeMoments],
 ) -> dict[int | str, Remainder]:
-    """Remainder of the moments of each order, eqs. (R1), (R2)."""
+    """Remainders of the moments of each order, eqs. (R1), (R2)."""
     fourth = found[4]
     left = _SIXTH * np.trace(found[2].covariance) ** 3
     remainders = {
@@ -78,7 +78,7 @@ _ROUNDING: Final = 2e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SufficientOrder:
-    """The cheapest formula within a tolerance, and the error of each one.
+    """The simplest formula within a tolerance, and the error of each.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def sufficient_order(
     tolerance: float = 0.01,
     frame: Frame | None = None,
 ) -> SufficientOrder:
-    """Find which formula of the attitude error may be used, by the exact answer.
+    """Find which formula of the attitude error suffices, by the exact answer.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def wahba_order(
     weights: Any = None,
     tolerance: float = 0.01,
 ) -> SufficientOrder:
-    """Find which order of `wahba_moments` may be used, by the exact answer.
+    """Find which order of `wahba_moments` suffices, by the exact answer.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""Plans of a calibration: the precision of poses, before any data is taken.
+r"""Plans of a calibration: how precise poses will be, before data is taken.
 
 =============  ===========================  ==========================================
 sensors        design                       predicted standard deviations
@@ -100,7 +100,7 @@ _TIE: Final = 1e-6  # of shares: rounding leaves less
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan(ReadOnly, Told):
-    """Predicted quality of a calibration.
+    """Predicted precision of a calibration.
 
     Attributes
     ----------
@@ -159,19 +159,19 @@ class Plan(ReadOnly, Told):
 
     @property
     def intervals(self) -> Float[Array, "9 2"]:
-        """Where 95 % of the calibrations of such a sensor will be, (9, 2)."""
+        """Where 95 % of calibrations of such a sensor will be, (9, 2)."""
         half = NORMAL_95 * self.sd
         return np.stack([self.parameters - half, self.parameters + half], axis=-1)
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the plan."""
         return plan_account(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GyroscopePlan(ReadOnly, Told):
-    """Predicted quality of a gyroscope's calibration.
+    """Predicted precision of a gyroscope's calibration.
 
     Attributes
     ----------
@@ -207,7 +207,7 @@ class GyroscopePlan(ReadOnly, Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the plan."""
         return Account(
             title="Plan of a calibration",
             said=f"{counted(self.rotations, 'rotation')} of a gyroscope",
@@ -220,7 +220,7 @@ class GyroscopePlan(ReadOnly, Told):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MagnetometerPlan(ReadOnly):
-    """Predicted quality of a magnetometer's calibration.
+    """Predicted precision of a magnetometer's calibration.
 
     Attributes
     ----------
@@ -249,17 +249,17 @@ class MagnetometerPlan(ReadOnly):
 
 @runtime_checkable
 class Informed(Protocol):
-    """Equations of any sensors, of theory or of a fit where it is."""
+    """Anything that gives the information of its poses or moves."""
 
     @property
     def information(self) -> Float[Array, "b p p"]:
-        """Of each pose or move that shares no noise with another."""
+        """Information of each pose or move with independent noise."""
 
 
 def next_best(
     given: Informed, candidates: Informed, wanted: slice = slice(None)
 ) -> tuple[Float[Array, "p p"], Float[Array, "p p"], int]:
-    """Information before and after the one that helps most, and which that is.
+    """Information before and after adding the best candidate, and its index.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def next_best(
 
 
 def error_bars(information: Float[Array, "p p"]) -> Float[Array, " p"]:
-    """Bound on each standard deviation; infinite where not all are determined."""
+    """Least standard deviations for an information; infinite without full rank."""
     if rank_of(information) < len(information):
         return np.full(len(information), np.inf)
     return deviations(inverse_of(information))
@@ -296,7 +296,7 @@ def plan(
     g: float = 9.80665,
     form: Model = "triangular",
 ) -> Plan:
-    """Predict the calibration by a set of poses.
+    """Predict the calibration from a set of poses.
 
     Parameters
     ----------
@@ -358,7 +358,7 @@ def plan_gyroscope(
     g: float = 9.80665,
     form: Model = "triangular",
 ) -> GyroscopePlan:
-    """Predict the calibration by rests and rotations between them, for ideal sensors.
+    """Predict the calibration from rests and rotations, for ideal sensors.
 
     Parameters
     ----------
@@ -426,7 +426,7 @@ def plan_gyroscope(
 def plan_magnetometer(
     attitudes: Any, dip: float, *, accelerometer_noise: float, magnetometer_noise: float
 ) -> MagnetometerPlan:
-    """Predict the calibration by a set of attitudes.
+    """Predict the calibration from a set of attitudes.
 
     The next attitude is the one of some hundred candidates that lowers the total
     variance of the magnetometer's thirteen parameters most.
@@ -481,7 +481,7 @@ def pose_noise(
     noise_density: float | None = None,
     velocity_random_walk: float | None = None,
 ) -> float:
-    r"""Noise of the mean of a hold, from what a data sheet says.
+    r"""Noise of the mean of a hold, from the numbers of a data sheet.
 
     White noise of one-sided density :math:`D` (per root hertz, as data sheets print
     it) leaves :math:`D/\sqrt{2 t}` in the mean over a time t; a velocity random walk
@@ -526,7 +526,7 @@ def pose_noise(
 
 
 def candidate_attitudes() -> Float[Array, "n 4"]:
-    """Attitudes with up along faces, edges and corners of a cube, at six headings."""
+    """Attitudes with up along faces, edges and corners of a cube, six headings each."""
     up = np.concatenate([cube_faces(), cube_edges(), cube_corners()])
     # the shortest turn that takes the world's up to u: half way between the two
     vector = np.cross(up, [0.0, 0.0, 1.0])
@@ -541,7 +541,7 @@ def candidate_attitudes() -> Float[Array, "n 4"]:
 def smooth_path(
     axis: Float[Array, "k 3"], angle: Float[Array, " k"], seconds: float
 ) -> MovePath:
-    """Moves by minimum jerk about fixed axes."""
+    """Turns about fixed axes by minimum jerk."""
     t = np.linspace(0.0, 1.0, _PIECES + 1)
     course = t**3 * (10.0 + t * (6.0 * t - 15.0))
     turned = np.diff(course)[None, :, None] * (axis * angle[:, None])[:, None]
@@ -588,17 +588,15 @@ GYROSCOPE_KEYS: Final = (
 def as_object(
     result: Plan | GyroscopePlan, keys: Sequence[str] = PLAN_KEYS
 ) -> dict[str, Any]:
-    """Plan as plain JSON values; infinite becomes null."""
+    """The plan as plain JSON values; infinity becomes null."""
     return {key: json_values(getattr(result, key)) for key in keys}
 
 
 def plan_account(
     result: Plan, turned: GyroscopePlan | None = None, noise: str = "noise"
 ) -> Account:
-    """State a plan, with that of a gyroscope, and by its name what the `noise` is."""
-    free = result.poses - PARAMETERS
+    """State a plan, with a gyroscope's if given; `noise` says what the noise is."""
     said = counted(result.poses, "pose")
-    said += f" ({counted(free, 'degree')} of freedom)" * (free >= 0)
     said += f", {counted(turned.rotations, 'rotation')}" if turned else ""
     size = f"{rounded(result.noise_std, 4)} {result.reading}"
     replies = [_poses_good(result), _next_pose(result)]
@@ -629,11 +627,15 @@ def _poses_good(result: Plan) -> Reply:
         more = PARAMETERS - result.rank
         do = f"Add {more} or more, the first as below, and plan again."
         return Reply(title=GOOD, headline=headline, answer=answer, do=do)
+    free = counted(result.poses - PARAMETERS, "degree")
+    times = f"{np.max(result.sd / result.bound):.2f}"
     lines: tuple[str, ...] = (
         f"The worst error bar is {rounded(result.geometry, 3)} times that of as many "
-        "poses all over the sphere.",
-        f"No error bar is more than {np.max(result.sd / result.bound):.2f} times the "
-        "Cramér-Rao bound.",
+        "poses spread evenly over the sphere.",
+        f"No error bar is more than {times} times the Cramér-Rao bound."
+        if times != "1.00"
+        else "Every error bar is at the Cramér-Rao bound.",
+        f"The poses leave {free} of freedom.",
     )
     percent = 1e-4 * NORMAL_95 * greatest(result)["scale factor"]  # from ppm
     said, do = f"Predicted {worst_axis(result)}.", ""
@@ -648,7 +650,7 @@ def _poses_good(result: Plan) -> Reply:
     elif not result.geometry <= GEOMETRY_LIMIT:
         said = (
             f"No: the worst error bar is {rounded(result.geometry)} times that of as "
-            f"many poses all over the sphere. {said}"
+            f"many poses spread evenly over the sphere. {said}"
         )
         do = "Add poses in directions not yet covered."
     elif not percent <= 100.0 * WIDE:
@@ -668,7 +670,7 @@ def _next_pose(result: Plan) -> Reply:
         return Reply(title=HELPS, headline=f"{words}.", lines=(AXES,))
     return Reply(
         title=HELPS,
-        headline=f"{words} lowers errors by {_gain(result)}.",
+        headline=f"{words}{_gain(result)}.",
         do="Half the noise of a pose mean, or these poses four times, halves each "
         "error of the accelerometer."
         if _poses_good(result).answer == "pass"
@@ -705,12 +707,12 @@ def _next_turn(result: GyroscopePlan) -> Reply:
         f"A turn by {np.degrees(result.next_angle):.0f}° about "
         f"{_vector(result.next_axis)} from the last pose"
     )
-    gain = f": by {_gain(result)}" if np.isfinite(result.sd).all() else ""
+    gain = _gain(result) if np.isfinite(result.sd).all() else ""
     return Reply(title=HELPS, headline=f"{words}{gain}.")
 
 
 def _both(first: Reply, second: Reply) -> Reply:
-    # one answer for two sensors, whose Yes or No is said twice only if they differ
+    # one answer for two sensors; Yes or No stands twice only if they differ
     more = second.headline
     if first.answer == second.answer:
         bare = more.removeprefix("Yes: ").removeprefix("No: ")
@@ -728,11 +730,11 @@ def _gain(result: Plan | GyroscopePlan) -> str:
     share = 1.0 - result.sd_next / result.sd
     best = int(np.argmax(share > share.max() - _TIE))
     name, _ = forms.ENTRIES.get(result.names[best], (result.names[best], 1.0))
-    return f"{rounded(100.0 * share[best])} % at most ({name})"
+    return f" lowers errors by up to {rounded(100.0 * share[best])} % ({name})"
 
 
 def _vector(u: Float[Array, "3"]) -> str:
-    return f"({', '.join(f'{x:.3f}' for x in u)})"
+    return f"({', '.join(f'{x:.2f}' for x in u)})"
 
 
 def _rank(result: Plan | GyroscopePlan) -> Fact:

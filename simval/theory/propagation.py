@@ -1,4 +1,4 @@
-r"""Linear error propagation from the readings to the attitude.
+r"""Linear propagation of errors from the readings to the attitude.
 
 The predicted error budget carries each source of noise through the calibration of both
 sensors to the attitude. With the 22 parameters :math:`\theta` of the accelerometer and
@@ -48,7 +48,7 @@ STEP = 1e-20  # of the complex-step derivative: exact to rounding
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Wanted:
-    """True vectors and attitudes of the second tumble's rests.
+    """True vectors and attitudes in the rests of the second tumble.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Carrier(ReadOnly):
-    """Linear maps from each source of error to the attitude at one true pose.
+    """Linear maps from each source of error to the attitude in one pose.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Carrier(ReadOnly):
     def parts(
         self, calibration: Float[Array, "... 2 22 22"]
     ) -> Float[Array, "... 5 3 3"]:
-        """Covariance of the small rotation by source of error, in PARTS' order."""
+        """Covariance of the attitude error by source, in the order of PARTS."""
         tumble = self.jacobian @ calibration @ self.jacobian.T
         own = np.broadcast_to([self.force, self.field], tumble.shape)
         parts = np.concatenate([tumble, own], axis=-3)
@@ -97,7 +97,7 @@ class Carrier(ReadOnly):
 
 
 def calibration_parts(problem: Problem, ends: Any = ()) -> Float[Array, "t 2 22 22"]:
-    """Covariance of the 22 parameters by the sensor whose noise it is, eq. (B2).
+    """Covariance of the 22 parameters by the sensor that causes it, eq. (B2).
 
     Of each set of poses, which end at `ends`, calibrated by itself. The last parameter
     is the sine of the dip.
@@ -119,7 +119,7 @@ def calibration_parts(problem: Problem, ends: Any = ()) -> Float[Array, "t 2 22 
 def carrier(
     problem: Problem, wanted: Wanted, k: int, force_std: float, field_std: float
 ) -> Carrier:
-    """Linearise the way from the readings to the attitude at one pose, eq. (B1)."""
+    """Linearise the way from readings to attitude in one pose, eq. (B1)."""
     gains = _gains(wanted.q[k], wanted.field_world)
     truth, count = (wanted.force[k], wanted.field[k]), PARAMETERS
     at = np.concatenate([problem.theta, np.zeros(6)])  # and noise of both readings

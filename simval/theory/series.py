@@ -1,4 +1,4 @@
-r"""Truncated power series in Gaussian noise: theory for any arithmetic estimator.
+r"""Power series in Gaussian noise: theory for any estimator's arithmetic.
 
 An estimator written with + - * / and sqrt is evaluated on numbers that carry all
 their derivatives up to a total degree: polynomials in independent standard normal
@@ -41,7 +41,7 @@ Scalar = Union["Series", float]
 
 
 class Algebra(NamedTuple):
-    """Monomials of a number of variables up to a total degree, and their products.
+    """Monomials of some variables up to a degree, and their products.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Algebra(NamedTuple):
     target: Places
 
     def variable(self, index: int) -> "Series":
-        """One of the variables as a series."""
+        """One variable as a series."""
         coefficients = np.zeros(self.means.size)
         coefficients[1 + index] = 1.0
         return Series(coefficients, self)
@@ -74,7 +74,7 @@ class Algebra(NamedTuple):
 
 @lru_cache(maxsize=16)
 def algebra(dimension: int, degree: int) -> Algebra:
-    """Tables of the truncated polynomials; the constant comes first."""
+    """Tables for truncated polynomials, the constant first."""
     # a monomial is the sorted tuple of its variables, repeated by exponent
     monomials = [
         combination
@@ -109,7 +109,7 @@ def _normal_moment(monomial: tuple[int, ...]) -> float:
 
 
 class Series:
-    """A number with its derivatives: a truncated polynomial in the noise."""
+    """A truncated polynomial in the noise that calculates like a number."""
 
     __slots__ = ("algebra", "coefficients")
 
@@ -197,7 +197,7 @@ class Series:
         return float(np.sign(self.coefficients[0]))
 
     def sqrt(self) -> "Series":
-        """Square root; also what `numpy.sqrt` of an array of series calls."""
+        """Square root; `numpy.sqrt` calls this for arrays of series."""
         return self._power(0.5)
 
     def _power(self, exponent: float) -> "Series":
@@ -216,12 +216,12 @@ class Series:
         return total * constant**exponent
 
     def mean(self) -> float:
-        """Expectation over independent standard normal variables."""
+        """Mean over independent standard normal variables."""
         return float(self.coefficients @ self.algebra.means)
 
 
 def require_distribution(order: Any, third_moments: Any) -> None:
-    """Require that ``"exact"`` is not asked for with third moments.
+    """Refuse ``"exact"`` moments if third moments are given.
 
     Raises
     ------
@@ -243,7 +243,7 @@ def series_moments(
     order: Literal[2, 3, 4, 6] = 4,
     third_moments: Any = None,
 ) -> Moments:
-    """Bias and covariance of an arithmetic estimator, truth minus estimate.
+    """Moments of an estimator by its own arithmetic, truth minus estimate.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""Probability that the raw quaternion estimate has the other sign than the truth.
+r"""Probability that the raw quaternion has the opposite sign of the truth.
 
 It is the chance that :math:`Q = q^T\bar q = d_2^T (e \times d_1 + s\,s_1)` is
 negative, a product of two Gaussian vectors. In independent standard normals
@@ -39,7 +39,7 @@ _TOLERANCE: Final = 1e-9
 def flip_probability(
     geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"] | Float[Array, "12 12"]
 ) -> float:
-    """Probability (F1) that the raw sign is the other one, any covariances.
+    """Probability (F1) of the opposite raw sign, for any covariances.
 
     Every prediction here keeps the raw sign; one who aligns the sign sample by sample
     sees another error in this share of the samples.

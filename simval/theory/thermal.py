@@ -1,4 +1,4 @@
-r"""Bound of a calibration whose bias and scale depend on temperature, and its plan.
+r"""Calibration with terms in temperature: its bound, and a plan for it.
 
 A reading at the temperature offset :math:`\tau` of a force a of length g is
 :math:`y = b + \beta\tau + (M^{-1}a)/(1 + \kappa\tau)`; its direction is not known, so
@@ -46,7 +46,7 @@ def thermal_equations(
     *,
     g: float,
 ) -> Estimating:
-    """Equations of a calibration with linear terms in temperature, at the truth."""
+    """Equations of a calibration with linear temperature terms, at the truth."""
 
     def parts(theta: Inexact[Array, "t p"]) -> tuple[Any, Any]:
         values = theta[:, PARAMETERS:].reshape(-1, 2, 1, 3)
@@ -82,7 +82,7 @@ def thermal_jacobian(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ThermalPlan(ReadOnly, Told):
-    """Rests of a calibration over temperature, in the order in which they tell most.
+    """Rests of a calibration over temperature, the most useful first.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class ThermalPlan(ReadOnly, Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the plan."""
         return _account(self)
 
 
@@ -224,11 +224,11 @@ def _account(plan: ThermalPlan) -> Account:
                 f"Predicted error of the worst axis (1 sd): {', '.join(worst)}.",
             ),
             Reply(
-                title="What would help most?",
-                headline="These rests, of all poses at all temperatures; specific "
-                "force, sensor axes.",
+                title="Which rests should be taken?",
+                headline="These, chosen from all poses at all temperatures; "
+                "directions are of the specific force, in sensor axes.",
                 do=f"{rests}Take the temperatures up and down, so that no "
-                "drift in time looks like one of the terms.",
+                "drift in time looks like an effect of temperature.",
             ),
         ),
         values=(Values(title="accelerometer", how=where, lines=lines),),

@@ -38,7 +38,7 @@ Noise = Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"]
 def refuse_samples(
     good: Any, message: Callable[[Index], str], kind: type[SimvalError]
 ) -> None:
-    """Raise the error of the first sample that is not good, if there is one.
+    """Raise an error about the first sample that is not good, if any.
 
     Raises
     ------
@@ -59,14 +59,14 @@ def refuse_samples(
 
 
 def place(number: int, batch: Index) -> str:
-    """Name of a sample by its index in the batch."""
+    """Name of a sample in a batch."""
     index = tuple(int(i) for i in np.unravel_index(number, batch))
     return f"sample {index}"
 
 
 @contextmanager
 def naming(sample: Index) -> Iterator[None]:
-    """Put the index of a sample of a batch into a refusal of it.
+    """Add the index of a sample to errors about it.
 
     Raises
     ------
@@ -87,7 +87,7 @@ MAX_NOISE: Final = 1e6
 
 
 def noise_covariances(noise_std: Any, count: int = 4) -> Float[Array, "count 3 3"]:
-    """Covariances of the noise on b1, b2, r1, r2, or on `count` vectors.
+    """Noise covariances of b1, b2, r1, r2, or of `count` vectors.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def _of_shape(noise_std: Any, count: int, more: str) -> Float[Array, "count 3 3"
 def noise_of_vectors(
     noise_std: Any, count: int = 4
 ) -> Float[Array, "count 3 3"] | Float[Array, "m m"]:
-    """`noise_covariances`, or the covariance of all the stacked vectors together.
+    """Noise covariance of each vector, or of all stacked vectors together.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def noise_of_vectors(
 def noise_of_samples(
     noise_std: Any,
 ) -> Noise:
-    """Covariances of the noise on b1, b2, r1, r2 of each sample.
+    """Noise covariances of b1, b2, r1, r2 for each sample.
 
     The form is told by the last axes alone: no axis is one number for everything, a
     last axis of 1 is one for all four vectors, of 4 is one for each, (4, 3, 3) are
@@ -159,7 +159,7 @@ def noise_of_samples(
 
 
 def own_axes(noise: Array) -> Index:
-    """Axes of the covariances of one sample."""
+    """Shape of one sample's covariances."""
     return noise.shape[-2:] if noise.shape[-1] == 12 else noise.shape[-3:]
 
 
@@ -199,7 +199,7 @@ def _covariances(
 def checked_covariances(
     name: str, matrices: Any, size: int = 3
 ) -> Float[Array, "k size size"]:
-    """Require symmetric positive semidefinite matrices.
+    """Check symmetric positive semidefinite matrices.
 
     Raises
     ------
@@ -244,7 +244,7 @@ def _checked(name: str, value: Array) -> Float[Array, "... k n n"]:
 
 
 def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
-    """Third moments of stacked vectors, given of each or of all together.
+    """Third moments of stacked vectors, given for each or for all.
 
     Raises
     ------
@@ -284,7 +284,7 @@ def tangent_projector(v: Float[Array, "... n"]) -> Float[Array, "... n n"]:
 def normalized_noise(
     vectors: Float[Array, "... k 3"], noise: Float[Array, "... k 3 3"]
 ) -> tuple[Float[Array, "... k 3"], Float[Array, "... k 3 3"]]:
-    r"""Mean and covariance of the noise left when each vector is normalised after it.
+    r"""Mean and covariance of the noise after each vector is normalised.
 
     For a unit vector v and :math:`\Pi = I - v v^T`, :math:`(v + n)/|v + n| - v` is
     :math:`\Pi n - (v^T n) \Pi n - |\Pi n|^2 v/2` to second order, so its mean is
@@ -302,7 +302,7 @@ def normalized_noise(
 def tangent_covariances(
     vectors: Float[Array, "... 4 3"], std: Any
 ) -> Float[Array, "... 4 3 3"]:
-    r"""Covariances of noise in the plane tangent to each unit vector."""
+    r"""Covariances of noise tangent to each unit vector."""
     variances = np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2
     return variances * tangent_projector(vectors)
 
@@ -326,7 +326,7 @@ Columns = NDArray[np.integer]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TwoVectorGeometry(ReadOnly):
-    """Noise-free vectors of one frame and the way back to the original frame.
+    """Noise-free vectors in one frame, and the way back to the original one.
 
     Attributes
     ----------
@@ -361,7 +361,7 @@ class TwoVectorGeometry(ReadOnly):
 
     @property
     def frame(self) -> str:
-        """Name of the frame, of one geometry."""
+        """Name of the frame of a single geometry."""
         return FRAMES[int(self.column)]
 
     @property
@@ -371,7 +371,7 @@ class TwoVectorGeometry(ReadOnly):
 
 
 def column_maps() -> list[tuple[Float[Array, "3"], Float[Array, "4 4"]]]:
-    """The half turns of the reference frame and the ways back, in the order of M."""
+    """Half turns of the reference frame with their inverses, in the order of M."""
     return [(turn, _way_back(frame)) for frame, turn in _TURNS.items()]
 
 
@@ -400,7 +400,7 @@ def column_norms(
 def two_vector_geometry(
     q: Any, r1: Any, r2: Any, frame: str | None = None
 ) -> TwoVectorGeometry:
-    """Geometry of attitudes in one frame, or in the greatest of each.
+    """Geometry of attitudes in one frame, or each in its best frame.
 
     Raises
     ------
@@ -419,7 +419,7 @@ def chosen_columns(
     r2: Float[Array, "... 3"],
     frame: str | None,
 ) -> Int[Columns, "..."]:
-    """Place in `FRAMES` of the frame of each sample, the greatest where it is None.
+    """Index in `FRAMES` of each sample's frame; the longest column if None.
 
     Raises
     ------
@@ -472,7 +472,7 @@ def true_vectors(
 def true_pairs(
     q: Any, references: Any
 ) -> tuple[Float[Array, "4"], Float[Array, "m 3"]]:
-    """A unit quaternion, and n noise-free body vectors, then n reference vectors.
+    """A unit quaternion, then n noise-free body vectors and n references.
 
     Raises
     ------
@@ -500,7 +500,7 @@ def true_pairs(
 
 
 def require_apart(r1: Float[Array, "... 3"], r2: Float[Array, "... 3"]) -> None:
-    """Require unit vectors that are not parallel.
+    """Check unit vectors that are not parallel.
 
     Raises
     ------
@@ -521,7 +521,7 @@ def require_apart(r1: Float[Array, "... 3"], r2: Float[Array, "... 3"]) -> None:
 def vectors_of(
     q: Float[Array, "... 4"], r1: Float[Array, "... 3"], r2: Float[Array, "... 3"]
 ) -> Float[Array, "... 4 3"]:
-    """b1, b2, r1, r2 without noise, of unit quaternions and vectors."""
+    """Noise-free b1, b2, r1, r2 of attitudes."""
     A = attitude_matrix(q)
     return np.stack([np.matvec(A, r1), np.matvec(A, r2), r1, r2], axis=-2)
 
@@ -529,7 +529,7 @@ def vectors_of(
 def unit_arguments(
     q: Any, r1: Any, r2: Any, batch: Index = ()
 ) -> tuple[Float[Array, "... 4"], Float[Array, "... 3"], Float[Array, "... 3"]]:
-    """Unit quaternions and vectors, their leading axes broadcast, with `batch` too.
+    """Check unit quaternions and vectors, and broadcast them.
 
     Raises
     ------
@@ -554,7 +554,7 @@ def unit_arguments(
 
 
 def require_one(q: Any, r1: Any, r2: Any) -> None:
-    """Require a single geometry.
+    """Check that there is only one geometry.
 
     Raises
     ------
@@ -574,7 +574,7 @@ def turned_geometry(
     r1: Float[Array, "... 3"],
     r2: Float[Array, "... 3"],
 ) -> TwoVectorGeometry:
-    """Geometry of unit quaternions and vectors in given frames."""
+    """Geometry in given frames."""
     turn, back = _SIGNS[columns], _BACKS[columns]
     matrix = attitude_matrix(q)
     b1, b2 = np.matvec(matrix, r1), np.matvec(matrix, r2)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 import yaml
+from faces import bare
 from made_logs import of_scene
 
 from simval.cli import run
@@ -155,7 +156,7 @@ def test_the_part_that_turns_most_is_taken():
     angle = np.cumsum(np.where((steps > 30) & (steps <= 40), 0.1, 1e-3))
     found = course(angle).taken(10.0, 10)
     assert found.time[0] == pytest.approx(3.0)
-    assert "3 to 4 s turn most" in found.said[-1].words
+    assert "3 to 4 s, which turn most" in found.said[-1].words
 
 
 def test_a_row_of_several_feels_their_mean():
@@ -175,6 +176,7 @@ def test_without_a_magnetometer_the_heading_is_that_of_the_start():
     np.testing.assert_allclose(P, np.diag(variances))
 
 
+@pytest.mark.ci  # the noise of a log, and two searches of sixty rows
 def test_a_walk_that_a_rest_cannot_show_is_said(capsys, tmp_path):
     """It doubles the variance of the mean of the rest, N^2/T + K^2 T/3."""
     rows = 3000
@@ -194,6 +196,16 @@ def test_a_walk_that_a_rest_cannot_show_is_said(capsys, tmp_path):
     assert f"below what {seconds:.0f} s can show" in fact.words
     assert 30.0 < seconds <= 60.0  # of the log's one minute
     assert ends[0]["K"] < 1.0 < ends[1]["K"]
+    # and on the terminal, which leaves out no answer and no warning
+    motion = attitudes(tmp_path, course(0.2 * np.arange(61)).attitude, 5.0)
+    words = ["--motion", str(motion), "--noise", str(file), "--rate", "5"]
+    code, found, _ = told(capsys, *words)
+    assert [each["said"] for each in found["warnings"]] == [fact.words]
+    assert run(["tell", *words]) == code
+    terminal = bare(capsys.readouterr().out)
+    for each in found["answers"]:
+        assert all(each[x] in terminal for x in ("question", "reason", "do"))
+    assert fact.words in terminal
 
 
 def test_of_several_logs_the_largest_noise_counts():

@@ -1,6 +1,7 @@
 """A suite's needs: answered at the stated rate, by a second law; refused if bad."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from simval.judge.formats import to_json
 from simval.judge.needs import asked
 from simval.judge.result_lines import gate_account
 from simval.report import render
+from simval.statistics import RMS
 from simval.sweep.suite import expand, suite_schema
 
 ALPHA = 0.001
@@ -126,6 +128,29 @@ def test_every_face_answers_it_with_number_and_error(tmp_path):
     # a need changes no verdict
     plain = judge_run(run_of(tmp_path / "run", [0.9, 1.1]))
     assert (result.answer, result.exit_code) == (plain.answer, plain.exit_code)
+
+
+@pytest.mark.ci
+def test_a_question_of_two_axes_that_names_no_quantity_has_a_table_of_them(tmp_path):
+    """Those of the study's headline, in its units; one axis is told by the figure."""
+    cells = [small_runs.calibration(s, n) for n in (12, 40) for s in (0.003, 0.01)]
+    run = small_runs.run_of(tmp_path / "run", cells, question="How many?")
+    tables = gate_account(judge_run(run)).values
+    sizes = {"T": ("mrad", 1e3), "K": ("ppm", 1e6), "B": ("mm/s²", 1e3)}
+    for table, (letter, (unit, factor)) in zip(tables, sizes.items(), strict=True):
+        assert table.title == f"How many? RMS error ({letter}), {unit}"
+        values = [[cell.value for cell in line.cells] for line in table.lines]
+        rows = [
+            [c.row(RMS(letter), "first order").value * factor for c in cells[i : i + 2]]
+            for i in (0, 2)
+        ]
+        np.testing.assert_allclose(values, rows, rtol=1e-12)
+        assert table.title in render(run)
+    for other in (
+        replace(run, manifest=run.manifest | {"question": ""}),
+        small_runs.run_of(tmp_path / "run", cells[:2], question="How many?"),
+    ):
+        assert not gate_account(judge_run(other)).values
 
 
 @pytest.mark.ci

@@ -13,6 +13,7 @@ from matplotlib.textpath import TextToPath
 from read_back import REACH, not_numbers, off_datum
 
 from simval.report.marks import (
+    MARGIN,
     MARK,
     decimals,
     even_ticks,
@@ -25,6 +26,7 @@ from simval.report.marks import (
 from simval.report.paint import UP, broken, png, shown, svg, svg_file
 from simval.report.panels import (
     COLOURS,
+    GREY,
     MANY,
     BarPanel,
     DotPanel,
@@ -447,6 +449,44 @@ def test_a_legend_says_what_is_shaded_hollow_or_a_limit():
         ink for entry in entries for ink in entry.ink if getattr(ink, "hollow", 0)
     ]
     assert len(hollow) == 1
+
+
+def names_at_ends(*panels, columns=1):
+    """Names of lines at their ends, each with its height over that of the axes."""
+    found = {}
+    for part in shown(drawing_of(*panels, columns=columns))[0].parts:
+        for sheet in part.sheets:
+            for group in sheet.groups:
+                for word in group.ink if "ends" in group.attributes else ():
+                    share = (sheet.y.start - word.y) / (sheet.y.start - sheet.y.stop)
+                    assert sheet.x.stop < word.x  # beside the axes
+                    found.setdefault(word.text, []).append(share)
+    return found
+
+
+def test_lines_are_named_at_their_ends_where_these_are_apart():
+    x = np.arange(5.0)
+    a, b, c = (
+        Series(label=name, x=x, y=np.full(5, y), colour=colour, line="-")
+        for name, y, colour in zip("abc", (0.0, 1.0, 2.0), COLOURS, strict=False)
+    )
+    bound = Series(label="bound", x=x, y=x, colour=GREY, line=":")
+    panel = replace(panel_of(a, b, c, bound), log_x=False, log_y=False)
+    found = names_at_ends(panel)
+    # its data have the axis less a margin at both ends, and the bound reaches to 4
+    share = 1.0 / (1.0 + 2.0 * MARGIN)
+    expected = {n: [share * (y / 4.0 + MARGIN)] for y, n in enumerate("abc")}
+    assert found == {n: pytest.approx(h, abs=1e-9) for n, h in expected.items()}
+    # a strip of one line has its name as well; a panel of one line has none
+    strip = replace(panel, series=[b], limits=(0.5, 1.5), height=0.3)
+    assert names_at_ends(replace(panel, strips=[strip]))["b"] == pytest.approx(
+        [share * (0.25 + MARGIN), 0.5]
+    )
+    near = replace(b, y=np.full(5, 0.1))  # its name would be on that of `a`
+    early = replace(b, x=x / 2.0)  # ends in the middle of the axes
+    twin = replace(a, label="", y=a.y + 1.5)  # of a cell of the same name
+    for series in ([b], [a, near, c], [a, early], [a, twin, c]):
+        assert names_at_ends(replace(panel, series=[*series, bound])) == {}, series
 
 
 def test_a_logarithmic_axis_has_ticks_between_its_names():

@@ -201,6 +201,10 @@ def test_the_closest_check_is_that_of_least_room(tmp_path):
         assert (line.answer == "fail") == (share > 1.0)
 
 
+OVER_BOUND = 1.0 + 0.01 * np.cos(np.arange(10.0))
+"""RMS errors over the bound at ten instants."""
+
+
 def test_a_filter_that_fails_opens_with_the_reason_that_check_finds(tmp_path):
     """Three numbers of its own, what is not wrong, and the figure of what fails."""
     run, cells = small_runs.own_filter(tmp_path / "run"), []
@@ -216,6 +220,12 @@ def test_a_filter_that_fails_opens_with_the_reason_that_check_finds(tmp_path):
                 for t in range(1, 11)
                 # of all instants only from the fourth on
                 for off in [times if t > 3 else 1.0]
+            ),
+            *(
+                small_runs.row(
+                    f"rms_over_bound_at[{t}]", "Cramer-Rao", 1.0, off, 0.05, 64
+                )
+                for t, off in enumerate(OVER_BOUND, 1)
             ),
         ]
         cells.append(replace(cell, rows=tuple(rows)))
@@ -235,6 +245,13 @@ def test_a_filter_that_fails_opens_with_the_reason_that_check_finds(tmp_path):
     assert told["mine.py, normalised squared error"] == ("6.75", "3 predicted")
     assert 3 <= len(told) <= 5
     assert [drawing.name for drawing in section.drawings] == ["failing-time"]
+    for panel in section.drawings[0].panels:  # the error over the bound, on its axis
+        (strip,) = panel.strips
+        for above, below in zip(panel.series, strip.series, strict=True):
+            assert (above.label, above.line) == (below.label, below.line)
+            np.testing.assert_array_equal(above.x, below.x)
+            np.testing.assert_allclose(below.y, OVER_BOUND, rtol=1e-14)
+        assert strip.limits[0] < min(OVER_BOUND) < max(OVER_BOUND) < strip.limits[1]
     accepted = replace(small_runs.own_filter(tmp_path / "accepted"), cells=run.cells)
     section, _ = first_screen(run, against=accepted)
     titles = {panel.title for panel in section.drawings[0].panels}

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from simval.scene import find_scene, simulate
 from simval.scene.physics import INPUTS, bit_of, captured_messages, load_model, roll_out
-from simval.scene.run import write_script
+from simval.scene.run import plan_run, run_plan, write_script
 
 STEPPERS = {
     "Euler": mujoco.mj_Euler,
@@ -163,6 +163,37 @@ def test_the_trajectory_has_the_integrators_order(integrator, order, steps):
     # the next order adds h |J| relative: rates of 4 rad/s, so 0.16 at 40 ms
     np.testing.assert_allclose(slope, order, rtol=0, atol=0.35)
     assert error[0] > 10 * error[-1] or order == 1
+
+
+def off_the_path(name, step, log, **words):
+    """Greatest force and rate off the differences of the places and attitudes."""
+    plan = plan_run(name, timestep=step, **words)
+    placed = run_plan(plan, positions=True)
+    run = placed if log else run_plan(plan)
+    turn, p = Rotation.from_quat(run.attitude), placed.position
+    second = (p[2:] - 2.0 * p[1:-1] + p[:-2]) / step**2 - run.gravity
+    rate = (turn[:-2].inv() * turn[2:]).as_rotvec() / 2.0 / step
+    return [
+        np.abs(turn[1:-1].inv().apply(second) - run.specific_force[1:-1]).max(),
+        np.abs(rate - run.angular_velocity[1:-1]).max(),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("gimbal", {"poses": 2, "move_time": 0.6, "hold_time": 0.1}),
+        ("handheld", {"poses": 2, "move_time": 0.6, "hold_time": 0.1}),
+        ("freefall", {"seconds": 1.5, "integrator": "implicitfast"}),
+    ],
+)
+def test_a_log_is_of_its_path_to_the_second_order(name, words):
+    """Second differences know nothing of a model; the physics' own are of the first."""
+    for log, order in ((True, 2), (False, 1)):
+        off = [off_the_path(name, h, log, **words) for h in (0.004, 0.002, 0.001)]
+        slope = -np.diff(np.log2(off), axis=0)
+        # the next order adds h/4 of the motion's pace, of 20 Hz at most, relative
+        np.testing.assert_allclose(slope, order, rtol=0, atol=0.1)
 
 
 def test_a_body_in_free_fall_reads_nothing_at_its_centre():

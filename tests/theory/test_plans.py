@@ -253,7 +253,7 @@ def test_command_says_what_is_missing(simval, answered, poses, gyroscope):
     if poses == "faces":
         assert "No: 6 poses determine 6 of the nine parameters" in out
         assert "Add 3 or more" in out
-        assert "the force along (0.577, 0.577, 0.577)" in out
+        assert "the force along (0.58, 0.58, 0.58)" in out
 
 
 @pytest.mark.parametrize(("noise", "believed"), [("0.1", True), ("9.8", False)])

@@ -39,7 +39,7 @@ LENGTHS: Final = (1e-50, 1e50)
 
 
 class Validity(IntEnum):
-    """Status of a sample: usable, or the reason why not."""
+    """Whether a sample can be used, or the reason why not."""
 
     VALID = 0
     NOT_FINITE = 1
@@ -84,7 +84,7 @@ _MESSAGES: Final = {
 def block_validity(
     vectors: Float[Array, "12 n"], length_tolerance: float
 ) -> Codes | None:
-    """Validity of each column of a block, or None where all are valid."""
+    """Validity of each column of a block; None if all are valid."""
     lengths, dots = _products(vectors)
     shortest, longest = lengths.min(), lengths.max()
     if LENGTHS[0] ** 2 < shortest and longest < LENGTHS[1] ** 2:  # no NaN either
@@ -143,7 +143,7 @@ def _codes(
 def singular_columns(
     vectors: Float[Array, "12 n"], squared: Float[Array, " n"]
 ) -> Mask | None:
-    """Singular columns of a fixed frame, or None."""
+    """Mask of the columns that are singular in a fixed frame; None if none is."""
     r = vectors[6:].reshape(2, 3, -1)
     lengths = np.einsum("kjn,kjn->kn", r, r)
     if squared.min() >= MIN_NORM**2 * lengths.max() ** 2:
@@ -153,7 +153,7 @@ def singular_columns(
 
 
 def widest_differences(noise_std: Any, false_alarm: Any) -> Float[Array, "3"]:
-    """Differences that noise exceeds in a share of the samples, infinite without noise.
+    """Differences that noise alone exceeds in a stated share of the samples.
 
     Of the two angles, rad, and of the length of b1 and of b2, over that of its
     reference.
@@ -183,7 +183,7 @@ def widest_differences(noise_std: Any, false_alarm: Any) -> Float[Array, "3"]:
 
 
 def share_of_samples(false_alarm: Any) -> float:
-    """Share of good samples that a test may refuse, checked.
+    """Check the share of good samples that a test may refuse.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def share_of_samples(false_alarm: Any) -> float:
 def refuse(
     codes: Codes, shape: Sequence[int], instead: str = "estimate_attitude"
 ) -> None:
-    """Raise the error of the first sample that is not valid, if there is one.
+    """Raise an error about the first sample that is not valid, if any.
 
     It names the function that gives a validity per sample instead.
 

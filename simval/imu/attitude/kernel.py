@@ -79,7 +79,7 @@ def raw_quaternion(
     frame: str,
     out: Shaped[Array, "4 n"] | None = None,
 ) -> Shaped[Array, "4 n"]:
-    """Un-normalised quaternions of a fixed frame, eq. (K1) with its raw sign."""
+    """Quaternions in a fixed frame by eq. (K1), not normalised, sign as it comes."""
     b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
     d1, d2, s1 = np.empty_like(b1), np.empty_like(b1), np.empty_like(b1)
     for j, kept in enumerate(_KEPT[frame]):
@@ -108,7 +108,7 @@ def raw_quaternion(
 def column_matrix(
     vectors: Shaped[Array, "4 3 n"] | Shaped[Array, "12 n"], *, symmetric: bool
 ) -> Shaped[Array, "4 4 n"]:
-    """The four columns M of eq. (K2), un-normalised, with noise."""
+    """The four columns M of eq. (K2), not normalised."""
     b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
     # [False]: differences d, [True]: sums s; the factor 1/4 is applied once
     first = (0.25 * (b1 - r1), 0.25 * (b1 + r1))
@@ -138,7 +138,7 @@ def column_matrix(
 
 
 def best_quaternion(columns: Shaped[Array, "4 4 n"]) -> Shaped[Array, "4 n"]:
-    """The greatest of the four columns, un-normalised, with its raw sign."""
+    """The longest of the four columns, not normalised, sign as it comes."""
     norms = np.einsum("kin,kin->kn", columns, columns)
     first, first_norm = _longer(columns[0], norms[0], columns[1], norms[1])
     second, second_norm = _longer(columns[2], norms[2], columns[3], norms[3])
@@ -180,7 +180,7 @@ def normalize_vectors(vectors: Shaped[Array, "12 n"]) -> Shaped[Array, "4 n"]:
 def fit_pairs(
     vectors: Shaped[Array, "12 n"], weights: Float[Array, "2 n"] | None = None
 ) -> None:
-    """Put the pairs (K3) in the place of unit vectors, in any frame the optimum."""
+    """Replace unit vectors by the pairs (K3), which give the optimum in any frame."""
     v = vectors.reshape(4, 3, -1)
     v[::2], v[1::2] = v[::2] - v[1::2], v[::2] + v[1::2]
     squares = np.einsum("kjn,kjn->kn", v, v)
@@ -197,7 +197,7 @@ def fit_pairs(
 
 
 def angle_difference(vectors: Float[Array, "12 n"]) -> Float[Array, " n"]:
-    """Angle between the body vectors less that between the references, radians."""
+    """Angle between the body vectors minus that between the references, rad."""
     v = vectors.reshape(4, 3, -1)
     pairs = np.stack([v[::2] - v[1::2], v[::2] + v[1::2]], axis=1).reshape(4, 3, -1)
     lengths = np.sqrt(np.einsum("kjn,kjn->kn", pairs, pairs))

@@ -43,7 +43,7 @@ from simval.text import shown
 
 
 class Case(IntEnum):
-    """Singular case of the plain formula, source Table 1."""
+    """Singular case of the plain formula, Table 1 of the source."""
 
     REGULAR = 0
     A = 1
@@ -59,7 +59,7 @@ TOLERANCE: Final = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SingularSolution:
-    """Direct solutions of the samples that are singular.
+    """Direct solutions for the samples that are singular.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def _direct(
 def case_quaternion(
     b1: Any, b2: Any, r1: Any, r2: Any, tolerance: float = MIN_NORM
 ) -> Float[Array, "... 4"]:
-    r"""Attitude by the source's Table 1: direct where singular, else the plain formula.
+    r"""Attitude by Table 1: directly where singular, else by the plain formula.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Audit of simulated IMUs: what a simulator reads, and what an ideal sensor would.
+"""Audit of simulated IMUs: their readings compared with an ideal sensor's.
 
 `simulated`     readings beside poses, and what is declared
 `pieces`        parts whose truth is smooth

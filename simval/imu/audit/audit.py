@@ -1,4 +1,4 @@
-"""The audit of a simulated IMU: what is right, what is wrong, what cannot be told."""
+"""The audit of a simulated IMU: what is right, what is wrong, what stays open."""
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ UNTURNED: Final = "gravity is added without turning it"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Audit(Told):
-    """What was found of a simulated IMU.
+    """Result of the audit of a simulated IMU.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Audit(Told):
 
     @property
     def sensors(self) -> tuple[SensorAudit, ...]:
-        """Those there are."""
+        """The sensors that were audited, the gyroscope first."""
         return tuple(x for x in (self.gyroscope, self.accelerometer) if x is not None)
 
     @property
@@ -93,11 +93,11 @@ class Audit(Told):
 
     @property
     def exit_code(self) -> int:
-        """0 right, 1 wrong, 3 not told by this motion."""
+        """0 if all is right, 1 if something is wrong, 3 if this motion cannot tell."""
         return {"pass": 0, "fail": 1, "inconclusive": 3}[self.answer]
 
     def wrong(self) -> list[tuple[str, str, str]]:
-        """Sensor, what is wrong with it, and what would make that."""
+        """Each finding: the sensor, what is wrong with it, and what causes that."""
         return [(x.name, *each) for x in self.sensors for each in self._wrong(x)]
 
     def _wrong(self, found: SensorAudit) -> Iterator[tuple[str, str]]:
@@ -105,7 +105,7 @@ class Audit(Told):
             yield FRAMES[found.frame]
         constant, g = found.items["constant"], np.linalg.norm(self.declared.down)
         of_gravity = abs(np.linalg.norm(constant.value) / g - 1.0) < NEAR
-        fixed = False  # whether the constant stands for gravity, and was said
+        fixed = False  # whether a constant was reported that stands for gravity
         for item in found.items.values():
             if not (item.wrong and item.term.question in self.only):
                 continue
@@ -142,7 +142,7 @@ class Audit(Told):
         return x, words, made
 
     def untold(self, found: SensorAudit) -> dict[str, str]:
-        """State what the motion cannot tell of a sensor, and the motion that would.
+        """Say what the motion cannot show of a sensor, and the motion that would.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class Audit(Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say."""
+        """Everything that there is to say of the audit."""
         facts = [Fact("rate", f"a right simulator is refused in {self.alpha:g}")]
         if len(self.rough):
             said = f"{counted(len(self.rough), 'row')} where the poses are not smooth"
@@ -209,7 +209,11 @@ class Audit(Told):
                 f"{'No' if much else 'Not quite'}: {left}, which no term explains, "
                 "alone or three together."
             )
-            do = "Look where it is left: a contact, a limit, what is held over a step."
+            do = (
+                "Look where it is left: a contact, a limit, what is held over a step. "
+                "Halve the step: what halves is its own, as of an implicit integrator, "
+                "which moves by another acceleration than it reads."
+            )
         elif untold:
             answer = "inconclusive"
             said = (
@@ -303,7 +307,7 @@ class Audit(Told):
         )
 
     def as_object(self) -> dict[str, Any]:
-        """Return all as plain JSON values."""
+        """Return the audit as plain JSON values."""
         sensors = {
             each.name: {
                 "rows": _rows_of(each.instant), "delay_steps": each.delay,
@@ -412,7 +416,7 @@ def _vector(v: Array) -> str:
 
 
 def _axes(good: Mask) -> str:
-    # of a vector, axes that are not told
+    # axes of a vector that the motion does not show
     if len(good) != 3 or not good.any():
         return ""
     return " along " + ", ".join(a for a, ok in zip("xyz", good, strict=True) if not ok)

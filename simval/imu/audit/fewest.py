@@ -38,7 +38,7 @@ _SIGNED: Final = [
 
 
 class Item(NamedTuple):
-    """One thing that was asked.
+    """One term that was judged: its value, what is allowed, and the verdict.
 
     Attributes
     ----------
@@ -62,13 +62,13 @@ class Item(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the term."""
+        """Name of the term."""
         return self.term.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorAudit:
-    """What was found of one sensor.
+    """Result of the audit of one sensor.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class SensorAudit:
     left : list of Array
         What the fit leaves of each piece, body axes.
     bound : float
-        Root mean square of the error of the ideal.
+        Root mean square of the error of the ideal in the longest piece.
     size : float
         Root mean square of the ideal reading.
     unexplained : float
@@ -121,14 +121,14 @@ class SensorAudit:
 
     @property
     def wrong(self) -> list[str]:
-        """Names of what is wrong."""
+        """Names of the terms that are wrong."""
         return [each.name for each in self.items.values() if each.wrong]
 
 
 def judged(
     ideal: Ideal, pieces: Pieces, rate: float, guess: Array | None
 ) -> SensorAudit:
-    """Judge a sensor: fewest wrong things, at a rate of false alarms."""
+    """Judge a sensor by the fewest errors that explain it, at a false-alarm rate."""
     state, frame = look(ideal, pieces.smooth, guess)
     bad = [np.zeros(len(each.time), bool) for each in pieces.smooth]
     value: Array = np.zeros(0)
@@ -166,6 +166,7 @@ def judged(
     rest = _size(every) / max(size, TINY)
     delay = items["delay"]
     names = [each.name for each in ideal.terms if not each.wrong]
+    longest = max(rows, key=lambda each: len(each.ideal))
     return SensorAudit(
         name=ideal.name, items=items,
         fitted={name: (own[name], sd[name]) for name in names},
@@ -174,7 +175,7 @@ def judged(
         deviation=np.sqrt(np.mean(every**2, axis=0)), spikes=np.concatenate(spikes),
         left=left,
         constant=own["bias"] + own["constant"],
-        bound=max(_size(np.sum(np.abs(each.errors), axis=0)) for each in rows),
+        bound=_size(np.sum(np.abs(longest.errors), axis=0)),
         size=size, unexplained=0.0 if explained == "all" else rest,
     )  # fmt: skip
 
@@ -215,13 +216,13 @@ def _items(
     constant = items["constant"]
     if not constant.wrong and np.linalg.norm(bias) > LARGE * BIAS[ideal.name]:
         constant = Item(constant.term, bias, sd, z * sd, True, constant.judged)
-    # what is not seen of it is none
+    # a component that is not seen counts as zero
     items["constant"] = constant._replace(judged=np.ones(3, bool))
     return items
 
 
 def _far(rows: TermRows, left: Float[Array, "n 3"], size: float) -> Mask:
-    # readings far off, beside the size that they have in all
+    # readings far off, relative to the size of all readings
     noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
     size = np.hypot(size, _size(rows.reading))
     *errors, rounding = np.abs(rows.errors)  # of which a spline has more at its ends
@@ -237,7 +238,7 @@ def _size(rows: Array) -> float:
 def look(
     ideal: Ideal, pieces: Sequence[Piece], guess: Array | None
 ) -> tuple[IdealState, str]:
-    """Look at which axes and delay readings have, before anything is made linear."""
+    """Find the axes, the delay and the frame of the readings, before linearising."""
     thin = [
         each.rows(slice(None, None, max(1, len(each.time) * len(pieces) // THIN)))
         for each in pieces
@@ -323,13 +324,13 @@ def _by_hands(
 ) -> list[tuple[str, Array]]:
     # mounts of right-handed and of left-handed axes
     near = [_nearest(y, right, guess, sign) for sign in (1.0, -1.0)]
-    if name == "gyroscope":  # a faint motion may tell them apart
+    if name == "gyroscope":  # even a faint motion may distinguish them
         near = [_settled(y, right, each) for each in near]
     return [*zip(("", "reversed"), near, strict=True)]
 
 
 def _settled(y: Array, right: Array, mount: Array) -> Array:
-    # turned to the least squares beside a constant
+    # turned to the least squares, with a constant fitted too
     turns = np.einsum("kij,nj->nik", _TURNS, right).reshape(-1, 3)
     columns = np.hstack([turns, np.tile(np.eye(3), (len(y), 1))])
     for _ in range(ROUNDS):

@@ -1,4 +1,4 @@
-r"""Ideal readings, and columns of what may be wrong with them.
+r"""Ideal readings, and the change that each possible error makes in them.
 
 In body axes, at the time :math:`t - d` of the truth,
 
@@ -47,7 +47,7 @@ _MATRICES: Final = np.array(
 
 
 class IdealState(NamedTuple):
-    """Where (W5) is made linear."""
+    """Point about which eq. (W5) is linearised."""
 
     times: Float[Array, " t"]  # steps, of the terms of time
     mount: Float[Array, "3 3"]  # body to sensor
@@ -55,13 +55,13 @@ class IdealState(NamedTuple):
     value: Mapping[str, Array] = {}  # of each term
 
     def near(self, other: "IdealState") -> bool:
-        """Whether nothing moved any more."""
+        """True if two points are so close that the iteration has settled."""
         moved = [self.times - other.times, (self.mount - other.mount).ravel()]
         return float(np.abs(np.concatenate(moved)).max()) < SETTLED
 
 
 class TermRows(NamedTuple):
-    """Rows of one piece of a recording."""
+    """Linearised rows of one piece of a recording."""
 
     columns: Float[Array, "n 3 p"]
     target: Float[Array, "n 3"]  # reading less what is right
@@ -71,12 +71,12 @@ class TermRows(NamedTuple):
     place: Mapping[str, slice]  # of the columns, by term
 
     def left(self, value: Float[Array, " p"]) -> Float[Array, "n 3"]:
-        """What some parameters leave."""
+        """Residuals with these parameters."""
         return self.target - self.columns @ value
 
 
 class Ideal:
-    """The ideal reading of a sensor, and the columns of its terms."""
+    """The ideal reading of a sensor, and what each term adds to it."""
 
     def __init__(self, name: str, declared: Declared, step: float) -> None:
         self.name, self.declared, self.step = name, declared, step
@@ -120,14 +120,14 @@ class Ideal:
         return made
 
     def reading(self, at: TrueMotion, state: IdealState) -> Float[Array, "n 3"]:
-        """What the model reads, mount and bias apart."""
+        """Modelled reading, apart from mount and bias."""
         made = self.motion(at, state.times * self.step)
         size = 1.0 + float(state.value.get("scale", np.zeros(1))[0])
         parts = [made[k] @ v for k, v in state.value.items() if k in made]
         return (size if abs(size) > SILENT else 1.0) * made["ideal"] + sum(parts)
 
     def rows(self, piece: Piece, state: IdealState) -> TermRows:
-        """Columns of a piece, made linear at a state."""
+        """Linearise the readings of a piece about a point."""
         at = piece.truth(piece.path)
         now = self.reading(at, state)
         columns = self.motion(at, state.times * self.step)
@@ -172,7 +172,7 @@ class Ideal:
         )  # fmt: skip
 
     def moved(self, state: IdealState, value: Mapping[str, Array]) -> IdealState:
-        """Where the model is made linear next."""
+        """Point for the next linearisation."""
         times = np.array([value[name][0] for name in self.times])
         step = np.clip(times - state.times, -FARTHEST, FARTHEST)
         mount = state.mount

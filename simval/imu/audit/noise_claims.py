@@ -1,4 +1,4 @@
-"""Noise of a simulated sensor: as claimed, and of a seed of its own on each axis."""
+"""Noise of a simulated sensor: as large as claimed, and independent on each axis."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -9,6 +9,7 @@ import scipy
 
 from simval.arrays import Array
 from simval.imu.audit.fewest import SensorAudit
+from simval.imu.audit.regression import TINY
 from simval.imu.noise import (
     allan_covariance,
     allan_law,
@@ -23,11 +24,11 @@ DIFFERENCES: Final = 100  # in the longest average that is compared
 CLEAR: Final = 3.0  # times the error of the ideal, from which what is left is noise
 FAINT: Final = 1e-5  # of a reading: less is rounding
 SHARED: Final = 0.05  # correlation that chance and a fit do not leave
-DIFFERENCED: Final = 1.5  # variance of a correlation of differences, of one of rows
+BLOCKS: Final = 32  # whose sums of products tell their spread, whatever their colour
 
 
 class Claim(NamedTuple):
-    """Noise of one sensor.
+    """Measured noise of one sensor, and the claim that it was compared with.
 
     Attributes
     ----------
@@ -49,7 +50,7 @@ class Claim(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """Two axes whose noise is one."""
+    """Two axes that have the same noise."""
 
     one: str
     other: str
@@ -57,7 +58,7 @@ class Shared(NamedTuple):
 
 
 def noise_rows(found: SensorAudit) -> Float[Array, "n 3"] | None:
-    """What is left of the longest piece in sensor axes; None where it is no noise."""
+    """Residuals of the longest piece in sensor axes; None if they are no pure noise."""
     left = max(found.left, key=len)
     noisy = np.sqrt(np.mean(left**2)) > CLEAR * found.bound + FAINT * found.size
     explained = noisy and not found.wrong and not found.unexplained
@@ -69,7 +70,7 @@ def claims(
     rate_hz: float,
     claimed: Mapping[str, tuple[float, float, float]],
 ) -> tuple[list[Claim], list[Shared], float]:
-    """Compare noise with what is claimed, and each axis with each.
+    """Compare the noise with the claims, and each pair of axes with each other.
 
     Pairs of axes that share a noise are stated with the chance of the greatest
     correlation among all.
@@ -96,15 +97,21 @@ def claims(
     if len(noises) < 2 or len({len(each) for each in noises.values()}) != 1:
         return made, [], 1.0
     r = np.corrcoef([*noises.values()])
-    pairs = [
-        Shared(one, other, float(r[i, k]))
-        for (i, one), (k, other) in combinations(enumerate(noises), 2)
-    ]
-    greatest = max(abs(each.correlation) for each in pairs)
-    z = greatest * np.sqrt(len(differences[0]) / DIFFERENCED)
-    chance = min(1.0, 2.0 * float(scipy.special.ndtr(-z)) * len(pairs))
-    shared = [each for each in pairs if abs(each.correlation) > SHARED]
+    least, shared, pairs = 1.0, [], [*combinations(enumerate(noises), 2)]
+    for (i, one), (k, other) in pairs:
+        if abs(r[i, k]) > SHARED:
+            shared.append(Shared(one, other, float(r[i, k])))
+            least = min(least, _by_blocks(noises[one] * noises[other]))
+    chance = min(1.0, least * len(pairs))
     return made, sorted(shared, key=lambda each: -abs(each.correlation)), chance
+
+
+def _by_blocks(products: Float[Array, " n"]) -> float:
+    # chance of a mean of products as far from zero, by Student's t of their blocks
+    sums = [each.sum() for each in np.array_split(products, BLOCKS)]
+    spread = max(float(np.std(sums, ddof=1)), TINY)
+    t = abs(float(np.mean(sums))) / spread * np.sqrt(BLOCKS)
+    return 2.0 * float(scipy.special.stdtr(BLOCKS - 1, -t))
 
 
 def _chance(

@@ -1,4 +1,4 @@
-"""Smooth pieces of a recording, each with its truth three ways.
+"""Smooth pieces of a recording, each with three versions of its true path.
 
 By splines of the seventh degree; of the fifth, for what the degree changes bounds the
 error of the higher one; and of the seventh through poses with their rounding again.
@@ -21,7 +21,7 @@ LONGEST: Final = 1 << 15  # rows of a piece
 MOST: Final = 8  # pieces
 HOLE: Final = 3.0  # steps without a row
 ENDS: Final = 6  # poses at an end of a path, where a spline is poor
-BESIDE: Final = 10  # rows beside a place where the truth is not smooth
+BESIDE: Final = 10  # rows next to a place where the truth is not smooth
 ROUGH: Final = 20.0  # times the usual change by the degree of the spline
 ROUGH_SHARE: Final = 0.01  # of the specific force
 COARSE: Final = 5
@@ -31,7 +31,7 @@ _EIGHTH: Final = np.sqrt(12870.0)  # of white noise in its eighth difference
 
 
 class Piece(NamedTuple):
-    """Rows of a recording, and the truth about them."""
+    """A stretch of readings, and the true path along it."""
 
     time: Float[Array, " n"]
     readings: dict[str, Float[Array, "n 3"]]
@@ -41,17 +41,17 @@ class Piece(NamedTuple):
     rounded: PosePath
 
     def rows(self, some: slice | RowFlags) -> "Piece":
-        """Some of its rows."""
+        """Select some of the rows."""
         kept = {name: value[some] for name, value in self.readings.items()}
         return self._replace(time=self.time[some], readings=kept)
 
     def truth(self, path: PosePath) -> TrueMotion:
-        """The truth of its rows, so many seconds before."""
+        """Function that gives the truth at the rows, taken so many seconds earlier."""
         return cache(lambda late: path.at(self.time - late))
 
 
 class Pieces(NamedTuple):
-    """What a recording is made of."""
+    """A recording, cut into smooth pieces."""
 
     smooth: list[Piece]
     start: Piece  # the first rows, where a path's end is poor
@@ -59,7 +59,7 @@ class Pieces(NamedTuple):
 
 
 def pieces_of(imu: SimulatedImu) -> Pieces:
-    """Pieces whose truth is smooth.
+    """Cut a recording into pieces along which the truth is smooth.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-r"""Where readings lead: attitude, velocity and position from a known start.
+r"""Dead reckoning: where the readings lead from a known start.
 
 A row is of its instant, the mean over the step before it, or over the step after; of
 instants the mean of two rows is taken for the step between them, so that a force is
@@ -29,7 +29,7 @@ CERTAIN: Final = 4.0  # standard deviations of what noise leaves
 
 
 class Reckoning(NamedTuple):
-    """End of a dead reckoning.
+    """Errors at the end of a dead reckoning, and the error that is allowed.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Reckoning(NamedTuple):
 
     @property
     def good(self) -> bool:
-        """Whether it ends where it may."""
+        """True if the position ends within what is allowed."""
         return self.position <= self.allowed
 
 
@@ -65,7 +65,7 @@ def reckoned(
     lever: Float[Array, "3"],
     declared: Declared,
 ) -> Reckoning:
-    """Integrate body rate and specific force over the begin of the longest piece.
+    """Integrate rate and specific force from the start of the longest piece.
 
     As a user takes the readings: by the mount that is declared.
     """

@@ -1,4 +1,4 @@
-"""A simulated IMU from files: a log, and poses in it or in a file of their own."""
+"""A simulated IMU from files: a log, and poses in the log or in a separate file."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from simval.vocabulary import PoseTurns
 
 
 class Poses(NamedTuple):
-    """Poses of a body, as `SimulatedImu` takes them."""
+    """Recorded poses of a body, as `SimulatedImu` takes them."""
 
     time: Float[Array, " m"]
     position: Float[Array, "m 3"]
@@ -23,7 +23,7 @@ class Poses(NamedTuple):
 
 
 def poses_of(truth: Truth, position: Float[Array, "m 3"], turns: PoseTurns) -> Poses:
-    """Recorded poses; rows without one are left out.
+    """Read recorded poses, leaving out rows that have none.
 
     A quaternion whose scalar part is not named is taken to have it first.
     """
@@ -35,7 +35,7 @@ def poses_of(truth: Truth, position: Float[Array, "m 3"], turns: PoseTurns) -> P
 
 
 def simulated(log: Log, poses: Poses, source: str) -> SimulatedImu:
-    """Readings of a log in SI units, by its header, beside poses."""
+    """Readings of a log in SI units, with the recorded poses."""
     time, within = log.time, poses.time
     inside = (time >= within[0]) & (time <= within[-1])
     if not inside.any():

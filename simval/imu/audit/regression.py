@@ -55,12 +55,12 @@ INSTANTS: Final = (0.0, 0.5, -0.5)
 over the step after."""
 Explained = Literal["all", "mainly", "no"]
 RANK: Final = 1e-11
-HIDDEN: Final = 1e-4  # of a parameter, in directions that are not told
+HIDDEN: Final = 1e-4  # share of a parameter in directions that are not determined
 TINY: Final = 1e-150
 
 
 def bands_of(pieces: Sequence[TermRows]) -> tuple[Array, Array]:
-    """Products of all columns, (b, 3, k, k), and bins of each band, of all pieces.
+    """Products of all columns by frequency band, summed over the pieces.
 
     The columns of terms, the target, the ideal, the reading, and the errors.
     """
@@ -83,7 +83,7 @@ def bands_of(pieces: Sequence[TermRows]) -> tuple[Array, Array]:
 
 
 class TermFit(NamedTuple):
-    """Parameters of some terms; those of all others are right."""
+    """A fit of some terms; all others are taken to be right."""
 
     terms: tuple[Flaw, ...]
     instant: float  # steps that a right row is late by
@@ -95,12 +95,12 @@ class TermFit(NamedTuple):
 
     @property
     def rank(self) -> int:
-        """Parameters that are told."""
+        """Number of parameter combinations that are determined."""
         return self.root.shape[1]
 
     @property
     def sd(self) -> Float[Array, " p"]:
-        """Standard deviations; infinite where the recording does not tell."""
+        """Standard deviations; infinite for what the recording does not determine."""
         return np.where(self.told, np.linalg.norm(self.root, axis=1), np.inf)
 
 
@@ -119,7 +119,7 @@ def _densities(left: Float[Array, " b"], dof: Float[Array, " b"]) -> Float[Array
 
 
 class Regression:
-    """All terms of one sensor, weighed by the noise that the fit of all leaves.
+    """All terms of one sensor, weighted by the noise that the fit of all leaves.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class Regression:
         self.freedom = 1.0 / float(spread) / SPREAD
 
     def split(self, values: Float[Array, " p"]) -> dict[str, Array]:
-        """Values of all parameters by their terms."""
+        """Parameter values by the term that they belong to."""
         return {name: values[at] for name, at in self.place.items()}
 
     def _shares(self, fit: TermFit) -> Float[Array, "b r r"]:
@@ -182,12 +182,12 @@ class Regression:
         return np.asarray(fit.root.T @ self._products[:, :p, :p] @ fit.root)
 
     def bound(self, fit: TermFit) -> Float[Array, " p"]:
-        """Error of each parameter by that of the ideal, (W4)."""
+        """Largest error of each parameter that errors of the ideal can make, (W4)."""
         squares = np.vecdot(fit.root @ self._shares(fit), fit.root)
         return np.asarray(self._errors @ np.sqrt(np.maximum(squares, 0.0)))
 
     def fit(self, terms: tuple[Flaw, ...], instant: float) -> TermFit:
-        """Fit some terms to rows that are rightly so many steps late."""
+        """Fit some terms to rows that belong so many steps before their stamp."""
         p = len(self._prior)
         free = np.concatenate([np.arange(p)[self.place[each.name]] for each in terms])
         value, told = np.zeros(p), np.zeros(p, bool)
@@ -209,7 +209,7 @@ class Regression:
         return TermFit(terms, instant, value, root, told, max(squares, 0.0), scale)
 
     def explains(self, fit: TermFit, rate: float) -> bool:
-        """Whether all other terms, or one, take no more off than is allowed."""
+        """True if no other term, alone or with all, improves the fit beyond chance."""
         others = [each for each in self.terms if each not in fit.terms]
         return self._by_chance(fit, self.whole, rate / 2.0) and all(
             self._by_chance(
@@ -227,7 +227,7 @@ class Regression:
         return fit.squares - more.squares <= allowed**2 + 1e-12 * fit.scale
 
     def fewest(self, rate: float) -> tuple[Explained, TermFit]:
-        """Return the fewest wrong things that explain, and with which rows of right.
+        """Find the fewest errors that explain the readings, how far, and their fit.
 
         Of as many, those of the least squares. Where no few explain all, the fewest
         that explain most of it; where none do that, the best of the most.

@@ -1,4 +1,4 @@
-"""What is audited: readings beside the poses of the body, and what is declared."""
+"""Input of an audit: readings, poses of the body, and what is declared of them."""
 
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -104,7 +104,7 @@ class SimulatedImu(ReadOnly):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Declared(ReadOnly):
-    """What is said of a simulated IMU; what is None is fitted.
+    """What is declared of a simulated IMU; anything None is fitted.
 
     Attributes
     ----------
@@ -149,17 +149,17 @@ class Declared(ReadOnly):
 
     @property
     def down(self) -> Float[Array, "3"]:
-        """Acceleration of gravity that the ideal reading has."""
+        """Acceleration of gravity in the ideal reading, world axes."""
         return np.array([0.0, 0.0, -G0]) if self.gravity is None else self.gravity
 
     @property
     def up(self) -> Float[Array, "3"]:
-        """Its opposite's direction: what an accelerometer at rest reads."""
+        """Direction of what an accelerometer reads at rest, world axes."""
         return -self.down / np.linalg.norm(self.down)
 
 
 def evened(name: str, value: Array) -> Array:
-    """Stamps that increase, in even steps where these were rounded."""
+    """Check that stamps increase, and even them out if they were only rounded."""
     if not (value.ndim == 1 and np.all(np.diff(value) > 0.0)):
         msg = f"`{name}` does not increase; give the rows in order of time"
         raise InputError(msg)

@@ -1,4 +1,4 @@
-"""What may be wrong with a simulated sensor: a row of a table each, with its words."""
+"""What may be wrong with a simulated sensor: a table of terms and their words."""
 
 from typing import Final, NamedTuple
 
@@ -25,7 +25,7 @@ _UNITS: Final = {
 
 
 class Flaw(NamedTuple):
-    """What may be wrong, or is not declared and fitted.
+    """A possible error, or a quantity that is fitted because it is not declared.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Flaw(NamedTuple):
 
     @property
     def wrong(self) -> bool:
-        """Whether it is a finding where it is one of the fewest that explain."""
+        """True for an error, false for a quantity that is only fitted."""
         return self.sd == INF
 
 

@@ -69,7 +69,7 @@ _GREATEST = 1e60  # fourth powers stay finite
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Options(Rules):
-    """Options of the fit; checked when made."""
+    """Options of a fit, checked when they are made."""
 
     model: str  # form
     iteration: str  # unknowns of the squared residual's
@@ -120,7 +120,7 @@ class Options(Rules):
 
 
 def choices() -> dict[str, tuple[str, ...]]:
-    """Values of each option that is a choice."""
+    """The values of each option that is a choice."""
     return {
         "model": forms.MODELS,
         "method": METHODS,
@@ -131,7 +131,7 @@ def choices() -> dict[str, tuple[str, ...]]:
 
 
 def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
-    """Require readings of one set, which must be finite, or of several."""
+    """Check the pose means of one set (all finite) or of several sets."""
     readings = shaped_array(name, value, (None, 3))
     if readings.ndim > 3 or readings.size == 0:
         msg = f"`{name}` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
@@ -161,7 +161,7 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
 def checked_noise(
     noise_std: Any, poses: Float[Array, "... n 3"], residual: str
 ) -> Float[Array, "... n"] | None:
-    """Return the noise of each pose, of each trial of a batch."""
+    """Noise of each pose, for each trial of a batch."""
     if noise_std is None:
         if residual == "adjusted":
             msg = (
@@ -179,7 +179,7 @@ def checked_noise(
 
 
 def require_noise(name: str, sigma: Float[Array, "... n"]) -> None:
-    """Refuse a pose without noise, which would weigh without bound."""
+    """Refuse a pose without noise, whose weight would be infinite."""
     if not np.all(sigma > 0.0):
         msg = (
             f"`{name}` is 0 for {np.count_nonzero(sigma == 0.0)} of "
@@ -190,7 +190,7 @@ def require_noise(name: str, sigma: Float[Array, "... n"]) -> None:
 
 
 def checked_time(time: Any, count: int) -> Float[Array, " n"]:
-    """Return when each pose was taken, 0, 1, 2 ... if not given."""
+    """Time of each pose; 0, 1, 2 and so on if none is given."""
     if time is None:
         return np.arange(float(count))
     values = physical_array("time", time, (count,))

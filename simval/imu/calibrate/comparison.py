@@ -1,4 +1,4 @@
-r"""Two calibration files of one sensor: the same within their uncertainties, or not.
+r"""Comparison of two calibration files: whether the sensor changed between them.
 
 With :math:`d = p_B - p_A` the difference of the parameters of a sensor, both in one
 form, and :math:`V = V_A + V_B` (the data are taken for independent),
@@ -55,7 +55,7 @@ from simval.imu.calibrate.thermal import Term, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
-from simval.spelling import chance, rounded, series
+from simval.spelling import chance, counted, rounded, series
 from simval.text import number, one_line
 from simval.vocabulary import ALPHA, Model
 
@@ -66,7 +66,7 @@ FIELDS: Final = 3.1  # of strengths of the field; 22 to 67 uT are on the Earth
 NODES: Final = 96  # leave 1e-4 of a chance at 1 degree of freedom, 1e-8 from 2 on
 MANY: Final = 10**6  # degrees of freedom from which a variance is known
 SENSORS: Final = {
-    "accelerometer": ((), " m/s^2"),
+    "accelerometer": ((), " m/s²"),
     "gyroscope": ((*FIELD_NAMES[:9], "B_x", "B_y", "B_z"), " rad/s"),
     "magnetometer": (FIELD_NAMES[:12], " units of field"),
 }
@@ -75,7 +75,7 @@ SENSORS: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
-    """What one file states of one sensor: parameters, M and b among them."""
+    """What one file states of one sensor: its parameters and their covariance."""
 
     parameters: Float[Array, " p"]
     covariance: Float[Array, "p p"]  # for a known gravity; NaN where it is not stated
@@ -124,13 +124,13 @@ class SensorComparison:
 
     @property
     def chi_square(self) -> float:
-        """Joint square of the difference, as if both variances were known."""
+        """Chi-square of the whole difference, as if both variances were known."""
         return float(self._squares(np.ones((1, 1)), np.ones(1)).item())
 
     def _squares(
         self, alpha: Float[Array, "i 1"], beta: Float[Array, " j"]
     ) -> Float[Array, "i j"]:
-        # over the covariances times these, and what gravity adds; NaN if not told
+        # by the covariances times these, and what gravity adds; NaN if not known
         sd = np.sqrt(np.diagonal(self.a.covariance + self.b.covariance))
         A, B = (x.covariance / np.outer(sd, sd) for x in (self.a, self.b))
         if not np.isfinite(A + B).all() or np.linalg.eigvalsh(A + B)[0] < 1e-12:
@@ -142,7 +142,7 @@ class SensorComparison:
 
     @property
     def freedom(self) -> str:
-        """Degrees of freedom of the variances that are not known, in words."""
+        """Say with how many degrees of freedom the variances were estimated."""
         dof = {"A": self.a.dof, "B": self.b.dof}
         return "".join(
             f"; variance of {file} by {round(x, 1):g} degrees of freedom"
@@ -152,7 +152,7 @@ class SensorComparison:
 
     @property
     def p_value(self) -> float:
-        """Chance of a difference as large without a drift, (DC2); NaN if not told."""
+        """Chance of a difference as large without a change, (DC2); NaN if unknown."""
         (alpha, weight_a), (beta, weight_b) = map(_variances, (self.a.dof, self.b.dof))
         squares = self._squares(alpha[:, None], beta)
         tails = scipy.special.chdtrc(len(self.difference), squares)
@@ -160,19 +160,20 @@ class SensorComparison:
 
     @property
     def words(self) -> str:
-        """What moved most beyond its uncertainty, and how many others did."""
+        """Say which parameter moved most, and how many others moved significantly."""
         order = [k for k in np.argsort(-self.E_n) if self.E_n[k] > 1.0]
         if not order:
             return f"a combination of parameters of the {self.sensor}, none alone"
         name, _ = forms.ENTRIES.get(self.names[order[0]], (self.names[order[0]], 1.0))
         times = self.E_n[order[0]]
-        more = f" and {len(order) - 1} more" * (len(order) > 1)
-        by = f"by {rounded(times)} times its uncertainty{more}"
-        return f"{name} of the {self.sensor}, {by}"
+        others = counted(len(order) - 1, "other parameter")
+        by = f"by {rounded(times)} times its uncertainty"
+        by += f", with {others} beyond theirs" * (len(order) > 1)
+        return f"{name} of the {self.sensor} {by}"
 
     @property
     def change(self) -> float:
-        """Largest change of a corrected reading, (DC3)."""
+        """Largest change that the difference makes in a corrected reading, (DC3)."""
         u = self.a.size * fibonacci_sphere(2000)
         raw = np.linalg.solve(self.a.matrix, u.T).T + self.a.bias
         moved = (raw - self.b.bias) @ self.b.matrix.T - u
@@ -180,7 +181,7 @@ class SensorComparison:
 
 
 def _variances(dof: float) -> tuple[Array, Array]:
-    """Nodes and weights of what a variance may be over what it was found to be."""
+    """Nodes and weights of the ratio of a true variance to the estimated one."""
     if np.isinf(dof):
         return np.ones(1), np.ones(1)
     low, high = np.log(scipy.special.chdtri(dof, [1.0 - 1e-13, 1e-13]))
@@ -192,7 +193,7 @@ def _variances(dof: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibrationComparison(Told):
-    """Two calibration files of one set of sensors."""
+    """Comparison of two calibration files, sensor by sensor."""
 
     sensors: tuple[SensorComparison, ...]  # that both have
     notes: tuple[str, ...]  # what is not compared, and what is taken for granted
@@ -202,19 +203,19 @@ class CalibrationComparison(Told):
 
     @property
     def p_values(self) -> dict[str, float]:
-        """Chance of the difference of each sensor that is judged."""
+        """Chance of the difference of each sensor for which it is known."""
         found = {each.sensor: each.p_value for each in self.sensors}
         return {name: p for name, p in found.items() if np.isfinite(p)}
 
     @property
     def alike(self) -> tuple[str, ...]:
-        """Sensors whose difference is less than independent data leave."""
+        """Sensors that are more alike than independent data can make them."""
         p = self.p_values
         return tuple(name for name, x in p.items() if 1.0 - x < ALPHA / len(p))
 
     @property
     def drifted(self) -> bool | None:
-        """True where they differ beyond their uncertainty; None if that is not told."""
+        """True if a sensor changed, False if none did, None if that is not known."""
         p = self.p_values
         if p and min(p.values()) < self.alpha / len(p):
             return True
@@ -222,7 +223,7 @@ class CalibrationComparison(Told):
 
     @property
     def answer(self) -> Reply:
-        """Whether the sensor changed."""
+        """Answer to the question whether the sensor changed."""
         p, title = self.p_values, "Did the sensor change?"
         if not p:
             words = "Cannot tell: no sensor has its uncertainty in both files."
@@ -247,6 +248,7 @@ class CalibrationComparison(Told):
             headline = f"Yes: a drift{causes}. Most: {'; '.join(moved)}."
         elif self.alike:
             headline = f"Cannot tell: {same}"
+            do = f"{do} Compare calibrations of two recordings.".strip()
         else:
             headline = "No: the same within uncertainties."
         answers: dict[bool | None, Answer] = {
@@ -259,7 +261,7 @@ class CalibrationComparison(Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the comparison."""
         first, *others = self.notes
         return Account(
             title="Comparison of",
@@ -273,7 +275,7 @@ class CalibrationComparison(Told):
         )
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
+        """Return the comparison as plain JSON values."""
         return {
             "format": "simval calibration comparison 1",
             "drifted": self.drifted,
@@ -286,18 +288,18 @@ class CalibrationComparison(Told):
 
 
 def _values(each: SensorComparison) -> Values:
-    # of each parameter both values, the difference with its expanded uncertainty, E_n
+    # of each parameter both values, the difference, and E_n
     a, b = each.a, each.b
-    columns = a.parameters, a.sd, b.parameters, b.sd, each.difference, each.U, each.E_n
+    columns = a.parameters, a.sd, b.parameters, b.sd, each.difference, each.E_n
     lines = []
     for parameter, row in zip(each.names, np.transpose(columns).tolist(), strict=True):
-        of_a, a_sd, of_b, b_sd, moved, U, E_n = row
-        known = np.isfinite(U)
+        of_a, a_sd, of_b, b_sd, moved, E_n = row
+        known = np.isfinite(E_n)
         name, sign = forms.ENTRIES.get(parameter, (parameter, 1.0))
         cells = [
             Quantity(f"{name} of A", sign * of_a, a_sd),
             Quantity(f"{name} of B", sign * of_b, b_sd),
-            Quantity(f"{name}, B - A", sign * moved + 0.0, U),
+            Quantity(f"{name}, B - A", sign * moved + 0.0, float(np.hypot(a_sd, b_sd))),
             # of one data set it is 0 but for rounding
             Quantity(f"{name}, E_n", round(float(f"{E_n:.3g}"), 9) if known else None),
         ]  # fmt: skip
@@ -306,9 +308,10 @@ def _values(each: SensorComparison) -> Values:
     return Values(
         title=each.sensor,
         how=f"a corrected reading of {a.size:.5g}{unit} changes by up to "
-        f"{number(each.change, 3, a.size)}; U is of {100 * COVERAGE:g} %",
+        f"{number(each.change, 3, a.size)}; E_n is the difference over its "
+        f"uncertainty at {100 * COVERAGE:g} %",
         lines=lines,
-        heads=("A", "B", "B - A ± U", "E_n"),
+        heads=("A", "B", "B - A", "E_n"),
     )
 
 
@@ -369,7 +372,7 @@ def compare_calibrations(
 
 
 class _Both(NamedTuple):
-    """States of a sensor in two files, at one temperature where that is known."""
+    """One sensor in two files, at one temperature if that is known."""
 
     states: tuple[State, State]
     said: str = ""
@@ -379,7 +382,7 @@ class _Both(NamedTuple):
 def _at_one_temperature(
     first: "_StatedFile", second: "_StatedFile", sensor: str
 ) -> _Both:
-    """Bring a sensor with terms in temperature to where both files have been.
+    """Bring a sensor with terms in temperature to a temperature both files cover.
 
     Raises
     ------
@@ -423,7 +426,7 @@ def _at_one_temperature(
 
 
 def _moved(state: State, own: Term, degrees: float) -> State:
-    """A state at another temperature, the covariance of the terms in its own."""
+    """State at another temperature, with the error of its temperature terms."""
     powers = own.powers(np.array([degrees]))
     nothing = np.zeros((1, 3))
     (less,), (grown,) = law(own.terms, own.coefficients, powers, nothing)
@@ -447,7 +450,7 @@ def _moved(state: State, own: Term, degrees: float) -> State:
 def _of_gravity(
     first: "_StatedFile", second: "_StatedFile"
 ) -> tuple["_StatedFile", "_StatedFile", str, bool]:
-    """Both with what gravity adds to a difference, what to say, and if g is doubted."""
+    """Both files, as gravity's uncertainty enters; a remark; and if g is in doubt."""
     a, b, said = first.g, second.g, ""
     if a.std and a == b:
         said = (
@@ -469,7 +472,7 @@ def _of_gravity(
 
 
 def _apart(first: "_StatedFile", second: "_StatedFile", sensor: str) -> str:
-    """Why a sensor of one file or both cannot be compared; nothing if it can."""
+    """Say why a sensor that is in one file or both cannot be compared; else nothing."""
     a, b = first.states.get(sensor), second.states.get(sensor)
     if a is None or b is None:
         return "" if a is b else f"only {'A' if b is None else 'B'} has one"
@@ -495,24 +498,24 @@ def _apart(first: "_StatedFile", second: "_StatedFile", sensor: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _StatedFile:
-    """What a file states, and what it has more than is compared."""
+    """Contents of a file, with what it has beyond the parameters compared."""
 
     form: Model  # of the accelerometer's parameters; the other sensors have its axes
     states: dict[str, State]
     more: set[str]
     warm: dict[str, Term]
-    seen: tuple[float, ...]  # least and greatest temperature of its rests, if told
+    seen: tuple[float, ...]  # least and greatest temperature of its rests, if known
     g: Gravity
     doubts: tuple[str, ...]  # of its bars, by its own checks
 
     def at_known_gravity(self) -> "_StatedFile":
-        """Return the same without what the uncertainty of gravity adds."""
+        """The same contents without the uncertainty of gravity."""
         own = replace(self.states["accelerometer"], gravity=0.0)
         return replace(self, states=self.states | {"accelerometer": own})
 
 
 def _read(path: Path, form: Model | None = None) -> _StatedFile:
-    """Read a file, its accelerometer in a form if one is given."""
+    """Read a file; convert its accelerometer to a form if one is given."""
     fit, models, warm = load_calibration(path), load_others(path), load_thermal(path)
     if not fit.converged:
         msg = f"{path}: `status` is {str(fit.status)!r}; calibrate again, {fit.advice}"
@@ -586,7 +589,7 @@ _EVEN = 0.5  # posterior, from which residuals and not the user say a noise
 
 
 def _dof(block: dict[str, Any], sensor: str) -> float:
-    """Degrees of freedom of the noise, if the residuals made it larger than stated."""
+    """Degrees of freedom of the noise, where residuals made it larger than stated."""
     residuals = instance("residuals", block.get("residuals", {}), dict)
     own = instance(sensor, residuals.get(sensor, {}), dict)
     if not array(own, "share", ()) > _EVEN:

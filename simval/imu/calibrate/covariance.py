@@ -81,7 +81,7 @@ from simval.spelling import counted
 
 
 class Summary(NamedTuple):
-    """Statistics of a solution, scaled units."""
+    """Statistics of each trial at its solution, in scaled units."""
 
     covariance: Float[Array, "t 9 9"]  # covariance of theta; NaN where there is none
     cost: Float[Array, " t"]  # sum of squared residuals
@@ -200,7 +200,7 @@ _GRADIENTS = np.einsum("iak,jal->ijkl", *2 * [monomial_slopes()]).reshape(81, 16
 def pencil(
     moments: Float[Array, "t 10 10"],
 ) -> tuple[Float[Array, "t 9 9"], Float[Array, "t 9 9"]]:
-    """The two matrices of eq. (N1)."""
+    """The two matrices of the eigenvalue problem (N1)."""
     mean = moments[:, :9, 9]
     middle = outer(mean / moments[:, 9:, 9], mean)
     products = np.matvec(_GRADIENTS, moments[:, 6:, 6:].reshape(-1, 16))
@@ -210,7 +210,7 @@ def pencil(
 def required_noise(
     level: Float[Array, " t"], dof: int, *, known: bool
 ) -> Float[Array, " t"]:
-    """Least s_2 that is accepted, in the unit of the level."""
+    """The least noise s_2 with which poses are accepted, in the unit of the level."""
     factor = NOISE_MARGIN
     if not known and dof > 0:
         tail = FALSE_ACCEPTANCE ** (1.0 / dof)
@@ -219,7 +219,7 @@ def required_noise(
 
 
 def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> Any:
-    """True where a second quadric passes through the poses.
+    """True where the poses fit a second quadric too, within the limit.
 
     By Sylvester's law of inertia the roots of (N1) below the limit are as many as the
     negative pivots of G_c - limit^2 C.
@@ -246,7 +246,7 @@ def judge(
     condition: Float[Array, " t"],
     stretch: Float[Array, " t"],
 ) -> tuple[Any, Float[Array, " t"]]:
-    """Refuse the trials whose poses and noise are no evidence for their answer.
+    """Refuse trials whose poses and noise cannot support their answer.
 
     Also the 95 percent half-width of the scale along its worst direction, relative; NaN
     where the noise is not known.
@@ -284,7 +284,7 @@ def screen(
     full_scale: float | None,
     repeats: bool,
 ) -> Any:
-    """Code of each trial from its readings alone, and from their least and greatest."""
+    """Code of each trial from its readings alone, before any fit."""
     code = np.full(poses.shape[0], Code.CONVERGED)
     finite = np.isfinite(raw_range).all(axis=(-2, -1))
     if not repeats:
@@ -301,13 +301,13 @@ def screen(
 
 
 def repeated_poses(poses: Float[Array, "n k"]) -> Any:
-    """Indices of the readings that equal an earlier one in every bit."""
+    """Indices of readings that equal an earlier one bit by bit."""
     _, first = np.unique(poses, axis=0, return_index=True)
     return np.setdiff1d(np.arange(len(poses)), first)
 
 
 def repeated_words(poses: Float[Array, "n k"], of: str = "") -> str:
-    """Say which reading equals an earlier one, and what to do."""
+    """Say which readings equal an earlier one, and what to do."""
     index = repeated_poses(poses)[0]
     same = np.flatnonzero((poses == poses[index]).all(axis=1))[0]
     return (
@@ -326,7 +326,7 @@ def refuse(
     half_width: float,
     suspects: Sequence[tuple[int, float]] = (),
 ) -> None:
-    """Raise what is wrong with one set, of geometry where its poses leave it open."""
+    """Raise the error of one refused set; geometry if its poses leave the fit open."""
     if code == Code.DUPLICATES:
         msg = f"{repeated_words(poses)}, {REPEATS}"
         raise RefusedError(msg)

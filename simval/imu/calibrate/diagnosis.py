@@ -1,4 +1,4 @@
-r"""Diagnosis of an accelerometer's fit: is it as good as its noise, and what limits it.
+r"""Diagnosis of an accelerometer's fit: whether it is as good as its noise allows.
 
 The distance of a reading to the fitted ellipsoid is, to first order,
 :math:`r_k = c_k / |\partial c/\partial y|`  (D1), in raw units. Whether a pose belongs
@@ -45,7 +45,7 @@ LEAST_FREEDOM = 10  # dof from which a doubled scatter is seen with 80 %, at `BE
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis(ReadOnly):
-    """Residuals of one fit, pose by pose, and what limits it.
+    """Residuals of one fit, pose by pose, and what limits its accuracy.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Diagnosis(ReadOnly):
 
     @property
     def wrong(self) -> str:
-        """What is wrong with the poses and what to do; empty where nothing is."""
+        """Say what is wrong with the poses and what to do; empty if nothing is."""
         return f"{self.cause}: {self.do}" if self.do else self.cause
 
 
@@ -209,7 +209,7 @@ def _checked(
 def reduced_chi2(
     fit: FitResult, readings: Float[Array, "n 3"], sigma: Float[Array, " n"] | None
 ) -> float:
-    """Chi-square per degree of freedom; NaN without sigma or freedom."""
+    """Chi-square per degree of freedom; NaN without known noise or freedom."""
     if sigma is None or fit.dof == 0:
         return np.nan
     distance = distances(fit, readings)[0]
@@ -219,7 +219,7 @@ def reduced_chi2(
 def distances(
     fit: FitResult, readings: Float[Array, "n 3"]
 ) -> tuple[Float[Array, " n"], Float[Array, "n 9"]]:
-    """Signed distances (D1), and their derivatives by the parameters."""
+    """Signed distances (D1) of the poses, and their derivatives by the parameters."""
     x = readings - fit.B
     h = x @ fit.matrix.T
     back = h @ fit.matrix

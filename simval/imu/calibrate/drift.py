@@ -1,4 +1,4 @@
-r"""Scatter that follows the time of the poses: a bias or a gain that drifts.
+r"""Test for a bias or a gain that drifts while the poses are taken.
 
 With the whitened residuals r of a fit and their derivative J by its parameters, a
 property c of the sensor that drifts as :math:`\sum_{j=1}^m \gamma_j P_j(\tau)`,
@@ -43,7 +43,7 @@ _SEEN: Final = 1e-6  # relative: what the fit leaves of a column; rounding leave
 
 
 class Drift(NamedTuple):
-    """Test of the residuals for a drift over the poses.
+    """Result of a test of the residuals for a drift over time.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Drift(NamedTuple):
 
     @property
     def excluded(self) -> bool:
-        """True if a drift is excluded, as poses in random order would show one."""
+        """True if there is no drift, and one could not hide in this order of poses."""
         return self.p_value >= DRIFT_FALSE_ALARM and self.hidden <= HIDDEN
 
 
@@ -90,7 +90,7 @@ def find_drift(
     known: bool,
     white: Array | None = None,
 ) -> Drift:
-    """Look for what drifts, one property or several at once, each by its column.
+    """Test which property drifts, or several together, each by its column.
 
     `white` whitens the residuals and all columns.
     """
@@ -141,7 +141,7 @@ def find_drift(
 def of_a_triad(
     normal: Float[Array, "n 3"], x: Float[Array, "n 3"]
 ) -> dict[str, Float[Array, "n ..."]]:
-    """What may drift of a triad whose bias moves residuals by `normal`, a gain by x."""
+    """Columns of the properties of a three-axis sensor that may drift."""
     columns = np.concatenate([normal, normal * x], axis=1).T
-    names = [f"the {what} of {axis}" for what in ("bias", "gain") for axis in "xyz"]
+    names = [f"the {axis} {what}" for what in ("bias", "gain") for axis in "xyz"]
     return {**dict(zip(names, columns, strict=True)), "the biases": normal}

@@ -52,17 +52,17 @@ def _products(u: Array, v: Array) -> Array:
 
 
 class Equation(NamedTuple):
-    """Equations of the vectors of each rest: zero but for errors."""
+    """One equation for each rest, whose value is zero but for errors."""
 
     value: Array  # (t, n)
     by: dict[str, Array]  # slopes by the vector of each triad, (t, n, 3)
-    own: Any = None  # by the sensor's own parameters beside its vector, (t, n, q)
-    noise: Any = None  # by its own unit noises beside its vector, (t, n, m)
+    own: Any = None  # by parameters of the sensor that are not in its vector, (t, n, q)
+    noise: Any = None  # by unit noises that are not in its vector, (t, n, m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Corrected:
-    """Vectors of a triad at some parameters, and the chain rule through them."""
+    """Corrected vectors of a triad, with what the chain rule needs."""
 
     w: Float[Array, "t n 3"]
     x: Float[Array, "t n 3"]  # readings less the bias
@@ -74,7 +74,7 @@ class Corrected:
     def pull(
         self, a: Float[Array, "t k e 3"], rests: Any = slice(None)
     ) -> tuple[Float[Array, "t k e q"], Float[Array, "t k e 3"]]:
-        """Derivative of a'w of some rests by the parameters, and by unit noises."""
+        """Derivatives of a'w at some rests by the parameters and by unit noises."""
         x, t = self.x[:, rests], len(a)
         back = (a.reshape(t, -1, 3) @ self.matrix).reshape(a.shape)
         own = 9 if self.slopes is None else 6
@@ -92,7 +92,7 @@ class Corrected:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensor:
-    """A sensor that is read at rest: a block of parameters and of equations."""
+    """A sensor read at rest, with its block of parameters and its equations."""
 
     readings: Float[Array, "t n m"]  # means over the rests
     std: Float[Array, "t n m"]  # noise of each
@@ -106,20 +106,20 @@ class Sensor:
         return tuple(f"parameter {k}" for k in range(self.size))
 
     def corrected(self, theta: Array) -> "Corrected | None":
-        """The corrected vector of a triad; None for a sensor that is not a triad."""
+        """Corrected vectors of a triad; None for a sensor that is not a triad."""
         return None
 
     def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
-        """Equations that the vectors of a rest fulfil in any attitude."""
+        """Equations that the vectors of a rest fulfil in every attitude."""
         raise NotImplementedError
 
     def take(self, trials: Any, rests: Any = slice(None)) -> Self:
-        """Select trials, or rests."""
+        """Select trials, and rests of them."""
         readings, std = self.readings[trials][:, rests], self.std[trials][:, rests]
         return replace(self, readings=readings, std=std)
 
     def beside(self, variances: Variances) -> Self:
-        """The same with so many times the variance of its noise beside it."""
+        """The same sensor with extra noise, in multiples of its own variance."""
         more = variances[self.name, "noise"]
         return replace(self, std=self.std * np.sqrt(1.0 + more))
 
@@ -131,7 +131,7 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Accelerometer(Sensor):
-    """Its parameters are those of a form, which fixes the axes of all sensors."""
+    """The accelerometer; the form of its matrix fixes the axes of all sensors."""
 
     model: Model
     g: float = 1.0
@@ -154,14 +154,14 @@ class Accelerometer(Sensor):
         )
 
     def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
-        """The norm."""
+        """One equation: the specific force has the length of gravity."""
         u = w[self.name]
         return [Equation(_products(u, u) - 1.0, {self.name: 2.0 * u})]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeldAccelerometer(Accelerometer):
-    """An accelerometer that keeps the parameters of its own fit, and their errors."""
+    """An accelerometer whose parameters are taken, with errors, from its own fit."""
 
     theta: Float[Array, "t 9"]
     error: Float[Array, "t 9 x"]  # of theta, by the unit noises of all rests
@@ -173,11 +173,11 @@ class HeldAccelerometer(Accelerometer):
         return Accelerometer.corrected(self, self.theta)
 
     def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
-        """None: they have been used."""
+        """No equations, as the accelerometer's own fit has used them."""
         return []
 
     def take(self, trials: Any, rests: Any = slice(None)) -> Self:
-        """Select trials, with all rests, whose noise the parameters hold."""
+        """Select trials; all rests stay, as their noise is in the parameters."""
         return replace(
             self, readings=self.readings[trials], std=self.std[trials],
             theta=self.theta[trials], error=self.error[trials],
@@ -193,7 +193,7 @@ class Magnetometer(Sensor):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """M row by row, b and the dip."""
+        """Names of the entries of M row by row, of b, and of the dip."""
         return FIELD_NAMES
 
     def corrected(self, theta: Float[Array, "t 13"]) -> Corrected:
@@ -201,7 +201,7 @@ class Magnetometer(Sensor):
         return self._triad(theta[:, :9].reshape(-1, 3, 3), theta[:, 9:12])
 
     def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
-        """The norm, and the angle with the specific force."""
+        """Two equations: the length of the field, and its angle with gravity."""
         up, v = w["accelerometer"], w[self.name]
         dip = _products(up, v) + theta[:, -1:]
         return [
@@ -212,7 +212,7 @@ class Magnetometer(Sensor):
 
 @runtime_checkable
 class Turns(Protocol):
-    """A sensor that is read between rests: rows of neighbouring vectors."""
+    """A sensor that is read between rests: rows that connect their vectors."""
 
     name: ClassVar[str]
 
@@ -222,30 +222,30 @@ class Turns(Protocol):
 
     @property
     def size(self) -> int:
-        """Parameters."""
+        """Number of parameters."""
 
     @property
     def item(self) -> tuple[int, int]:
-        """Rotations, and rows of each: the first of all rows."""
+        """Number of rotations, and of rows for each; they come first of all rows."""
 
     def rows(self, at: dict[str, Corrected], theta: Array) -> "Between":
-        """Whitened rows."""
+        """Rows of the rotations, linearised at some parameters."""
 
     def values(self, at: dict[str, Corrected], theta: Array, here: Any) -> Array:
-        """Their values elsewhere, in the axes of a linearisation."""
+        """Values of the rows at other parameters, in the axes of a linearisation."""
 
     def take(self, trials: Any) -> Self:
         """Select trials."""
 
     def errors(self, at: dict[str, Corrected], theta: Array) -> tuple[Beside, ...]:
-        """Errors that may stand beside its noise, of variance 1, in its rows."""
+        """Possible errors beyond the noise, each of variance 1, in the rows."""
 
     def beside(self, variances: Variances) -> Self:
-        """The same with such errors beside its noise."""
+        """The same sensor with such errors added to its noise."""
 
 
 class Between(NamedTuple):
-    """Rows of the turns between rests at some parameters."""
+    """Rows of the rotations between rests, linearised at some parameters."""
 
     r: Float[Array, "t r"]
     own: Float[Array, "t r q"]  # by the parameters of the sensor itself
@@ -280,7 +280,7 @@ class Problem:
 
     @property
     def magnetometer(self) -> Magnetometer:
-        """The second of the sensors, where it is one."""
+        """The second of the sensors, if it is a magnetometer."""
         assert isinstance(self.sensors[1], Magnetometer)
         return self.sensors[1]
 
@@ -303,11 +303,11 @@ class Problem:
 
     @cached_property
     def noises(self) -> dict[str, slice]:
-        """Indices of the unit noises of each sensor among those of a rest."""
+        """Indices of each sensor's unit noises among those of a rest."""
         return _slices({each.name: each.std.shape[-1] for each in self.sensors})
 
     def take(self, trials: Any, rests: Any = slice(None)) -> "Problem":
-        """Select trials, or rests where there are no rotations."""
+        """Select trials; rests as well where there are no rotations."""
         return replace(
             self,
             sensors=tuple(each.take(trials, rests) for each in self.sensors),
@@ -316,13 +316,13 @@ class Problem:
         )
 
     def beside(self, variances: Variances) -> "Problem":
-        """The same with errors of such variances beside the noise."""
+        """The same problem with errors of such variances added to the noise."""
         sensors = tuple(each.beside(variances) for each in self.sensors)
         turns = None if self.turns is None else self.turns.beside(variances)
         return replace(self, sensors=sensors, turns=turns)
 
     def corrected(self, theta: Float[Array, "t p"]) -> dict[str, Corrected]:
-        """Vectors of the triads."""
+        """Corrected vectors of each triad, by its name."""
         at = self.columns
         seen = {s.name: s.corrected(theta[:, at[s.name]]) for s in self.sensors}
         return {name: each for name, each in seen.items() if each is not None}
@@ -330,7 +330,7 @@ class Problem:
     def equations(
         self, at: dict[str, Corrected], theta: Float[Array, "t p"]
     ) -> list[tuple[Sensor, Equation]]:
-        """Equations of a rest, one after the other."""
+        """The equations of a rest, each with its sensor."""
         w, columns = {name: each.w for name, each in at.items()}, self.columns
         return [
             (sensor, each)
@@ -339,7 +339,7 @@ class Problem:
         ]
 
     def local(self, theta: Float[Array, "t p"]) -> "Whitened":
-        """The whitened rows and their derivatives."""
+        """The whitened rows and their derivatives at some parameters."""
         at = self.corrected(theta)
         c, J, L = self.rests(at, theta)
         t, p = theta.shape
@@ -369,7 +369,7 @@ class Problem:
     def values(
         self, theta: Float[Array, "t p"], here: "Whitened"
     ) -> Float[Array, "t r"]:
-        """The rows at other parameters, by the weights of a linearisation."""
+        """The rows at other parameters, whitened as in a linearisation."""
         at = self.corrected(theta)
         c = self._stacked(self.equations(at, theta), len(theta))
         if self.turns is not None:
@@ -393,7 +393,7 @@ class Problem:
     def rests(
         self, at: dict[str, Corrected], theta: Array
     ) -> tuple[Array, Array, Array]:
-        """Values, derivatives and noise of the equations of each rest, not whitened."""
+        """Values, derivatives and noise of the rests' equations, before whitening."""
         told = self.equations(at, theta)
         c = self._stacked(told, len(theta))
         J = np.zeros((*c.shape, theta.shape[1]))
@@ -455,7 +455,7 @@ def spread(blocks: Float[Array, "t n e m"]) -> Float[Array, "t r n m"]:
 
 
 class Whitened(NamedTuple):
-    """The whitened rows at some parameters: of the turns, the rests and the prior."""
+    """Whitened rows at some parameters: of rotations, rests and the prior."""
 
     at: dict[str, Corrected]
     rows: Float[Array, "t r"]
@@ -472,28 +472,28 @@ class Whitened(NamedTuple):
 
     @property
     def normal(self) -> Float[Array, "t p p"]:
-        """The Fisher information, J'J."""
+        """Fisher information of all rows, J'J."""
         return self.slopes.mT @ self.slopes
 
     @property
     def information(self) -> Float[Array, "n p p"]:
-        """That of each rest of the first trial: what a plan adds up, without turns."""
+        """Information of each rest of the first trial, which a plan adds up."""
         _, n, e, _ = self.white.shape
         slopes = self.slopes[0, : n * e].reshape(n, e, -1)
         return slopes.mT @ slopes
 
     @property
     def sd(self) -> Float[Array, "t p"]:
-        """Error bar of each parameter; at the truth without noise the bound on it."""
+        """Standard deviation of each parameter; without noise, its Cramér-Rao bound."""
         return deviations(self.covariance()[0])
 
     @property
     def chi_square(self) -> Float[Array, " t"]:
-        """Weighted sum of squares."""
+        """Weighted sum of the squared residuals."""
         return np.vecdot(self.rows, self.rows)
 
     def covariance(self) -> tuple[Float[Array, "t p p"], Float[Array, " t"]]:
-        """Inverse of the information, and its least pivot: 0 where the rank is less."""
+        """Inverse of the information, and its least pivot: 0 without full rank."""
         normal, size = self._scaled()
         root = _inverse_root(normal)
         covariance = root.mT @ root / outer(size, size)
@@ -502,7 +502,7 @@ class Whitened(NamedTuple):
         return covariance, np.where(np.isfinite(pivot), pivot, 0.0)
 
     def sandwich(self) -> tuple[Float[Array, "t p p"], Array, Float[Array, " t"]]:
-        """Covariance of the estimate, its error by unit noises, and chi-square.
+        """Covariance of the estimate, its change by unit noises, and chi-square.
 
         Of rows with turns, whatever their weights.
         """
@@ -514,14 +514,14 @@ class Whitened(NamedTuple):
         return K @ V @ K.mT, by_noise, np.vecdot(root, root)
 
     def ended(self, trials: Any, rows: Float[Array, "t r"]) -> dict[str, Array]:
-        """All but the vectors of some trials, the rows as they are at their end."""
+        """Results of some trials that have ended, with the rows of their last step."""
         named = ("slopes", "L", "white", "axes", "own", "whole")
         return {"rows": rows[trials]} | {k: getattr(self, k)[trials] for k in named}
 
     def step(
         self, rows: Float[Array, "t r"], damping: Float[Array, " t"]
     ) -> Float[Array, "t p"]:
-        """Gauss-Newton's, the diagonal raised by some shares; NaN without full rank."""
+        """The Gauss-Newton step, damped on the diagonal; NaN without full rank."""
         normal, size = self._scaled()
         diagonal = np.einsum("tii->ti", normal)
         diagonal *= 1.0 + damping[:, None]
@@ -595,5 +595,5 @@ def _inverse_triangle(lower: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
 def solved(
     matrices: Float[Array, "t p p"], right: Float[Array, "t p"]
 ) -> Float[Array, "t p"]:
-    """Solutions of linear equations, NaN where a matrix is singular."""
+    """Solutions of linear systems, NaN where a matrix is singular."""
     return _each(np.linalg.solve, matrices, right[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""The common part of every calibration result, and its account."""
+"""What every calibration result has in common, and its account."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class Estimate(Told, ShownFit, ReadOnly):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the calibration."""
         if np.ndim(self.status) == 0:
             return type(self).states(self)
         endings, counts = np.unique(self.status, return_counts=True)
@@ -61,13 +61,13 @@ class Estimate(Told, ShownFit, ReadOnly):
 
     @property
     def sd(self) -> Float[Array, "... p"]:
-        """Standard deviation of each parameter, (..., p); NaN where there is none."""
+        """Standard deviation of each parameter, (..., p); NaN where it is not known."""
         variance = np.linalg.diagonal(self.covariance)
         return np.sqrt(variance[..., -self.parameters.shape[-1] :])
 
     @property
     def converged(self) -> Any:
-        """True where a trial converged, (...)."""
+        """True for each trial that converged, (...)."""
         return self.status == "converged"
 
     @property
@@ -76,7 +76,7 @@ class Estimate(Told, ShownFit, ReadOnly):
         return self.confidence_intervals()
 
     def confidence_intervals(self, level: float = 0.95) -> Float[Array, "... p 2"]:
-        """Confidence interval of each parameter.
+        """Confidence interval of each parameter at a level.
 
         Normal quantiles for a noise that was stated; Student's t with `dof` degrees of
         freedom where the scatter came from the residuals.
@@ -106,7 +106,7 @@ class Estimate(Told, ShownFit, ReadOnly):
         return scipy.special.ndtri(tail)
 
     def require_converged(self) -> Self:
-        """Return the fit if every trial converged.
+        """Return the calibration, or raise if a trial did not converge.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-r"""Noise of a joint fit beside what is stated: which source is to blame for a misfit.
+r"""Larger noise than stated in a joint fit: which sensor is to blame for a misfit.
 
 The rows of a joint fit are :math:`r = J\,\mathrm{d}\theta + n`. Beside the noise that
 is stated, of covariance V, each source may have errors of its own,
@@ -68,7 +68,7 @@ _SAME: Final = 2e-2  # of a variance, between rounds: a hundredth of an error ba
 
 
 class SourceError(NamedTuple):
-    """What a joint fit says of an error beside the stated noise."""
+    """An error that a joint fit assumes in addition to the stated noise."""
 
     cause: str  # sensor, or what else may be to blame
     kind: ErrorKind
@@ -79,7 +79,7 @@ class SourceError(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The error as a person says it."""
+        """Say which error it is, and how large."""
         if self.kind == "noise":
             times = np.hypot(1.0, self.size)
             return f"the {self.cause} scatters {times:.2g} times its noise"
@@ -99,19 +99,19 @@ class SourceError(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseFactors(ReadOnly):
-    """What the residuals of one joint fit say of its sensors, and ask of their noise.
+    """Judgement of a joint fit's residuals, sensor by sensor.
 
     A batch of trials is weighed by the noise that is stated: it has no sensors.
     """
 
     # chi-square, rests and moves of each sensor; empty where none was judged
     sensors: tuple[SensorResiduals, ...]
-    errors: tuple[SourceError, ...]  # beside the stated noise
+    errors: tuple[SourceError, ...]  # in addition to the stated noise
     # chance that noise as stated leaves as much, in all rows or in those of any error;
     # below `CHANCE` more is asked for. NaN where none was judged
     p_value: float
     odds: float  # of any error against none, natural logarithm
-    least_determined: Combination | None  # what the fit tells worst
+    least_determined: Combination | None  # what the fit determines worst
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -120,12 +120,12 @@ class NoiseFactors(ReadOnly):
 
     @property
     def borne(self) -> bool:
-        """Whether no error was taken beside the stated noise."""
+        """True if the stated noise explains the residuals."""
         return not self.p_value < CHANCE
 
     @property
     def blamed(self) -> tuple[str, ...]:
-        """Causes of a misfit; none where that cannot be told."""
+        """The causes of a misfit; none if they cannot be told apart."""
         if self.borne or self.odds < np.log(REMARKED):
             return ()
         causes = (each.cause for each in self.errors if each.blame >= NAMED)
@@ -133,7 +133,7 @@ class NoiseFactors(ReadOnly):
 
     @property
     def words(self) -> str:
-        """Who scatters beyond the stated noise, and how far; empty where none does."""
+        """Say which sensor scatters more than its noise, and how much; else empty."""
         if self.borne:
             return ""
         likely = [each for each in self.errors if each.share > 1.0 - NAMED]
@@ -147,7 +147,7 @@ class NoiseFactors(ReadOnly):
 
     @property
     def refusal(self) -> RefusedError | None:
-        """Why the fit is no calibration; None where it is one.
+        """Say why the fit is no calibration; None if it is one.
 
         An accelerometer's is not refused: its own fit has just such error bars.
         """
@@ -175,7 +175,7 @@ class NoiseFactors(ReadOnly):
         return None
 
     def as_object(self) -> dict[str, Any]:
-        """Return what was found of each sensor, as JSON can hold it."""
+        """Return the judgement of each sensor as plain JSON values."""
         found: dict[str, Any] = {each.name: each.as_object() for each in self.sensors}
         for each in self.errors:
             own = found.setdefault(each.cause, {})
@@ -194,7 +194,7 @@ def judged(
     fit: Callable[[F, dict[tuple[str, str], float]], F],
     residuals: Callable[[F], Residuals],
 ) -> tuple[F, NoiseFactors]:
-    """Fit again with the errors that the residuals ask for, if they ask for any.
+    """Judge the residuals, and fit again with the errors that they require.
 
     `fit` takes a fit, and the variance of each error beside the noise, to the fit with
     those; `residuals` are the rows of a fit where it ended, as the stated noise weighs
@@ -268,7 +268,7 @@ class _Odds(NamedTuple):
 
     @classmethod
     def of(cls, left: Left) -> "_Odds":
-        """Odds of sets of errors, those of one more beside the best of those before."""
+        """Odds of sets of errors; the best sets so far are tried with one more."""
         zero = np.zeros(len(left.U))
         told = [s for s, each in enumerate(left.asked) if freedom(each) > LEAST_FREEDOM]
         every = {frozenset[int](): _Likely(_value(left, zero), zero)}
@@ -347,7 +347,7 @@ def widened(
     refitted: Callable[[dict[str, Array]], Array],
     shifts: Sequence[dict[str, Array]],
 ) -> Float[Array, "p p"]:
-    """Covariance with errors that all rests share, each a shift of one sd.
+    """Add the covariance of errors that all rests share, each a shift of one sd.
 
     A shift is by sensor.
     """

@@ -53,7 +53,7 @@ _REACH = 1.5  # readings at rest, over g; the fit's own residuals are far below 
 
 
 def derived(fit: FitResult) -> dict[str, Any]:
-    """Statements that follow from the others."""
+    """Entries of a file that follow from its other entries."""
     return {
         "names": list(fit.names),
         **{
@@ -67,7 +67,7 @@ def derived(fit: FitResult) -> dict[str, Any]:
 
 
 def require_possible(fit: FitResult) -> None:
-    """Refuse values that no calibration has."""
+    """Refuse values that no real calibration can have."""
     fit.sensor()  # T K can be inverted
     known = np.isfinite(fit.covariance)
     if known.any() != known.all() or known.any() == (fit.covariance_kind == "none"):
@@ -97,7 +97,7 @@ def require_possible(fit: FitResult) -> None:
 
 
 def require_agreement(data: dict[str, Any], fit: FitResult) -> None:
-    """Refuse a statement that is not what follows from the others."""
+    """Refuse an entry that contradicts what follows from the others."""
     for name, value in derived(fit).items():
         stated = data.get(name, value)
         if name in ("names", "raw_unit"):
@@ -125,7 +125,7 @@ def _contradiction(field: str, stated: Any, derived: Any) -> str:
 
 
 def array(data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
-    """Numbers of a file; null, and what is not there, becomes NaN."""
+    """Read an array from a file's object; null and missing numbers become NaN."""
     if name not in data:
         return np.full(shape, np.nan)
     numbers = shaped_array(name, _filled(data[name]), ())
@@ -206,7 +206,7 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
 
 @contextmanager
 def named(source: str | Path) -> Iterator[None]:
-    """Say in which file, or part of it, a value is missing or wrong."""
+    """Name the file, or a part of it, in errors about missing or wrong values."""
     try:
         yield
     except InputError as error:
@@ -295,7 +295,7 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
 
 
 def load_document(path: str | PathLike[str]) -> Any:
-    """All that a JSON file of a calibration holds."""
+    """Read everything that the JSON file of a calibration holds."""
     path = file_path("path", path)
     try:
         text = read_text(path, MOST_DOCUMENT)
@@ -333,7 +333,7 @@ BLOCKS = ("gyroscope", "magnetometer")
 def load_others(
     path: str | Path,
 ) -> tuple[GyroscopeModel | None, MagnetometerModel | None]:
-    """Read the other sensors of a file that `load_calibration` has read already."""
+    """Read the other sensors of a file whose accelerometer is loaded already."""
     data = load_document(path)
     gyroscope, magnetometer = (_block(path, data, name) for name in BLOCKS)
     made: list[Any] = [None, None]
@@ -349,7 +349,7 @@ def load_others(
 
 
 def load_thermal(path: str | Path) -> dict[str, Term]:
-    """Read the terms in temperature of a file that `load_calibration` has read."""
+    """Read the temperature terms of a file whose accelerometer is loaded already."""
     block = _block(path, load_document(path), "temperature") or {}
     found = {}
     for name, own in (_block(path, block, "sensors") or {}).items():
@@ -395,7 +395,7 @@ def at_temperature(
     *,
     extrapolate: bool = False,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Raw readings by sensor as at the calibration's temperature, and what to say.
+    """Raw readings as at the calibration's temperature, and remarks.
 
     By the terms of `load_thermal` and the temperature of each row, degrees Celsius; far
     beyond what the calibration saw only if that is asked for.
@@ -444,12 +444,12 @@ _REST = (0.75, 1.25)
 # Mean |f| of a moving log, in g: g for m/s^2 is a factor of 9.8.
 _MOVING = (0.75, 8.0)
 _WINDOW = 0.5  # s; a hand at rest holds still for as long
-_FEWEST = 10  # rows of which a scatter says something
+_FEWEST = 10  # rows from which a scatter means something
 QUIET = 0.05  # scatter of a window at rest over its mean; a cheap sensor has 0.02
 
 
 def require_same_sensor(fit: FitResult, raw: Float[Array, "n 3"], rate: float) -> None:
-    """Refuse readings whose corrected force cannot be one."""
+    """Refuse readings that cannot be of the sensor that was calibrated."""
     force = fit.sensor().correct(raw) / fit.g
     rests = rest_forces(force, rate)
     if rests.size:
@@ -472,7 +472,7 @@ def require_same_sensor(fit: FitResult, raw: Float[Array, "n 3"], rate: float) -
 
 
 def rest_forces(force: Float[Array, "n 3"], rate: float) -> Float[Array, " m"]:
-    """Length of the mean force of each stretch at rest."""
+    """Length of the mean specific force of each stretch at rest."""
     windows = half_seconds(force, rate)
     means = np.linalg.norm(windows.mean(axis=1), axis=1)
     scatter = np.linalg.norm(windows.std(axis=1), axis=1)
@@ -480,7 +480,7 @@ def rest_forces(force: Float[Array, "n 3"], rate: float) -> Float[Array, " m"]:
 
 
 def half_seconds(rows: Float[Array, "n 3"], rate: float) -> Float[Array, "m k 3"]:
-    """Rows in stretches of half a second, the last of them left out."""
+    """Cut rows into stretches of half a second; the last, shorter one is dropped."""
     size = max(_FEWEST, round(_WINDOW * rate))
     return rows[: len(rows) // size * size].reshape(-1, size, 3)
 

@@ -1,4 +1,4 @@
-r"""The solver of the calibration core, and the noise that its residuals ask for.
+r"""Gauss-Newton solver of a joint fit, and the refit with larger noise.
 
 Reweighted Gauss-Newton for a batch of trials: each step takes V of eq. (M4) at the
 parameters at hand, so it ends where :math:`J^T V^{-1} c = 0`. A step must lower the
@@ -30,7 +30,7 @@ _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
 
 def residuals(problem: Problem, here: Whitened, theta: Array) -> Residuals:
-    """Rows of the first trial, whose noise is in them, and what may be beside it.
+    """Residuals of the first trial, with the sensors' noises and possible errors.
 
     What is not noise of the sensors that are read at rest is that of the turns.
     """
@@ -71,7 +71,7 @@ def residuals(problem: Problem, here: Whitened, theta: Array) -> Residuals:
 
 
 class JointSolution(NamedTuple):
-    """End point of the iteration of each trial."""
+    """Solution of each trial, where the iteration ended."""
 
     theta: Float[Array, "t p"]
     iterations: Any  # steps tried, (t,)
@@ -80,7 +80,7 @@ class JointSolution(NamedTuple):
 
 
 def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSolution:
-    r"""Solve the equations of each trial from its own start; of one that is NaN, none.
+    r"""Solve the equations of each trial from its start; a start of NaN stays NaN.
 
     Weights and slopes of a linearisation are those of its own place, so each one
     lowers the error by a rate :math:`\rho` of the size of the relative noise, which two
@@ -174,7 +174,7 @@ def _rounding(change: Float[Array, "t r"], white: Array) -> Any:
 def weighed(
     problem: Problem, stated: JointSolution, most: int
 ) -> tuple[Problem, JointSolution, NoiseFactors]:
-    """One trial by the noise that its residuals ask for, if more than stated."""
+    """Fit one trial again with more noise if its residuals require it."""
 
     def fit(last: tuple[Problem, JointSolution], variances: Variances) -> Any:
         used = problem.beside(variances)

@@ -1,4 +1,4 @@
-r"""Goodness of fit: one chi-square judge of the residuals of every linearised fit.
+r"""Goodness of fit: one chi-square test for the residuals of every linearised fit.
 
 A fit leaves rows :math:`r = J\,\mathrm{d}\theta + \sum_s n_s`, each n_s the noise of
 one sensor, its source, of covariance :math:`V_s`; they are whitened by
@@ -48,7 +48,7 @@ from simval.account import Remark
 from simval.arrays import Array, ReadOnly
 from simval.imu.sensor import forms
 from simval.shapes import Float
-from simval.text import chance_words
+from simval.spelling import chance as p_words
 
 FALSE_ALARM: Final = 0.01
 """Chance that any item of a clean set is called an outlier."""
@@ -78,7 +78,7 @@ each rotation is off, or a matrix that changes in the course of the log, relativ
 
 
 class NoiseSource(NamedTuple):
-    """A sensor whose noise is in the rows of a fit."""
+    """A sensor whose noise the rows of a fit contain."""
 
     name: str
     covariance: Float[Array, "r r"]  # that its noise gives the rows
@@ -88,7 +88,7 @@ class NoiseSource(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """An error that may stand in the rows beside the noise that is stated."""
+    """A possible error in the rows, in addition to the stated noise."""
 
     cause: str  # sensor, or what else may be to blame
     kind: ErrorKind
@@ -97,7 +97,7 @@ class Beside(NamedTuple):
 
 
 class Residuals(NamedTuple):
-    """Rows of one fit where it ended, in any units, and whose noise they hold."""
+    """Residuals of one fit where it ended, and the sensors whose noise they contain."""
 
     r: Float[Array, " r"]
     J: Float[Array, "r p"]
@@ -107,7 +107,7 @@ class Residuals(NamedTuple):
 
 
 class Combination(NamedTuple):
-    """The combination of parameters that a fit determines least."""
+    """The combination of parameters that a fit determines worst."""
 
     rank: int  # of the rows
     parameters: int
@@ -116,7 +116,7 @@ class Combination(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The combination, and its error bar against that of parameters known alone."""
+        """Say the combination, and how much its error bar exceeds that of one alone."""
         if self.rank < self.parameters:
             return (
                 f"rank {self.rank} of {self.parameters}: {self.words} is undetermined"
@@ -128,7 +128,7 @@ class Combination(NamedTuple):
 
 
 def least_determined_of(J: Float[Array, "r p"], names: tuple[str, ...]) -> Combination:
-    """The combination that whitened rows determine least, and their rank."""
+    """The combination that whitened rows determine worst, and the rows' rank."""
     size = np.linalg.norm(J, axis=0)
     _, s, v = np.linalg.svd(J / np.where(size > 0.0, size, 1.0))
     s = np.pad(s, (0, len(v) - len(s)))
@@ -149,7 +149,7 @@ def least_determined_of(J: Float[Array, "r p"], names: tuple[str, ...]) -> Combi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deletion:
-    """What least squares leave of whitened rows, and leave without some items."""
+    """Residuals of a least-squares fit, with and without some of its items."""
 
     q: Float[Array, "r p"]  # orthonormal columns of the rows' derivatives
     residual: Float[Array, " r"]
@@ -161,7 +161,7 @@ class Deletion:
     def of(
         cls, J: Float[Array, "r p"], r: Array, items: Any = None, floor: float = 0.0
     ) -> "Deletion":
-        """Set the algebra up."""
+        """Prepare the deletion of items from a fit with Jacobian J and residuals r."""
         size = np.linalg.norm(J, axis=0)
         q, upper = np.linalg.qr(J / np.where(size > 0.0, size, 1.0))
         residual = r - q @ (q.T @ r)
@@ -175,18 +175,18 @@ class Deletion:
 
     @property
     def count(self) -> int:
-        """Items."""
+        """Number of items."""
         return len(self.residual if self.items is None else self.items)
 
     @property
     def dof(self) -> int:
-        """Rows less parameters."""
+        """Degrees of freedom: rows minus parameters."""
         return int(np.subtract(*self.q.shape))
 
     def without(
         self, subset: list[int]
     ) -> tuple[Float[Array, " r"], Float[Array, "r q"]]:
-        """Residuals (O2), and an orthonormal basis of all that is taken out."""
+        """Residuals (O2) without a subset, and a basis of all that was fitted."""
         if not subset:
             return self.residual, self.q
         if self.items is None:
@@ -206,12 +206,12 @@ class Deletion:
         return residual, np.concatenate([self.q, half], axis=1)
 
     def squares(self, subset: list[int]) -> float:
-        """Sum of squares of the items kept."""
+        """Sum of squares of the items that are kept."""
         residual = self.without(subset)[0]
         return max(float(residual @ residual), len(residual) * self.floor)
 
     def unknowns(self, subset: list[int]) -> int:
-        """Degrees of freedom that leaving the items out costs."""
+        """Degrees of freedom that leaving a subset out costs."""
         if self.items is None:
             return len(subset)
         return self.without(subset)[1].shape[1] - self.q.shape[1]
@@ -219,7 +219,7 @@ class Deletion:
     def room(
         self, subset: list[int]
     ) -> tuple[Float[Array, "i m"], Float[Array, "i m m"]]:
-        """U'r and S of each item once the subset is out."""
+        """U'r and S of each item, with a subset left out."""
         residual, along = self.without(subset)
         if self.items is None:
             room = 1.0 - np.sum(along**2, axis=1)
@@ -230,14 +230,14 @@ class Deletion:
         return own @ residual, own @ self.items - seen @ seen.mT
 
     def drops(self, subset: list[int]) -> Float[Array, " i"]:
-        """What leaving each further item out takes off the squares; NaN: nothing."""
+        """Drop of the sum of squares if one more item is left out; NaN for none."""
         along, room = self.room(subset)
         if self.items is None:
             good = room[:, 0, 0] > NO_ROOM
             found = along[:, 0] ** 2 / np.where(good, room[:, 0, 0], 1.0)
             return np.where(good, found, np.nan)
         values, vectors = np.linalg.eigh(room)
-        # of what an error of the item does beside the parameters
+        # effect of an error of the item that no parameter can take up
         good = values > 1e-6 * np.maximum(values[:, -1:], NO_ROOM)
         parts = np.vecmat(along, vectors) ** 2 / np.where(good, values, 1.0)
         found = np.where(good, parts, 0.0).sum(axis=1)
@@ -245,18 +245,18 @@ class Deletion:
         return np.where(good.any(axis=1), found, np.nan)
 
     def greatest_drop(self, subset: list[int]) -> int:
-        """Item whose removal, after those, lowers the sum of squares most."""
+        """The further item whose removal lowers the sum of squares most."""
         return int(np.argmax(np.nan_to_num(self.drops(subset), nan=-np.inf)))
 
     def leverage(self) -> Float[Array, " i"]:
-        """Share of each item in its own fit, 0 to 1."""
+        """Leverage of each item, 0 to 1."""
         assert self.items is not None
         _, room = self.room([])
         left = np.linalg.trace(room)
         return 1.0 - left / np.sum(self.items**2, axis=(1, 2))
 
     def outliers(self, known: float | None) -> list[int]:
-        """Greatest set of items that passes (O1) together and one by one.
+        """Largest set of items that passes test (O1), together and one by one.
 
         `known` is the standard deviation of a row, where it is known.
         """
@@ -328,26 +328,26 @@ def _exhaustive(deletion: Deletion, k: int) -> list[int]:
 
 
 def chi_square_chance(chi_square: float, dof: float) -> float:
-    """Chance of at least such a chi-square; NaN without freedom."""
+    """Chance of a chi-square at least so large; NaN without degrees of freedom."""
     if not dof > 0:
         return np.nan
     return float(scipy.special.gammaincc(dof / 2.0, chi_square / 2.0))
 
 
 def believed_range(dof: float) -> Float[Array, "2"]:
-    """Chi-squares between which a noise is believed."""
+    """Range of chi-square within which a stated noise is believed."""
     return 2.0 * scipy.special.gammaincinv(dof / 2, [BELIEVED, 1.0 - BELIEVED])
 
 
 class Drop(NamedTuple):
-    """A drop of the sum of squares down to `rest`, which has `dof` freedoms."""
+    """A drop of the sum of squares to `rest`, with `dof` degrees of freedom."""
 
     rest: float
     dof: int
     known: float | None  # standard deviation of a residual, where it is known
 
     def chance(self, before: float, k: int) -> float:
-        """Chance that k unknowns more lower the squares as far from `before`."""
+        """Chance that k more unknowns lower the sum of squares as far from `before`."""
         ratio = min(self.rest / before, 1.0)
         by_scatter = scipy.special.betainc(self.dof / 2.0, k / 2.0, ratio)
         if self.known is None:
@@ -362,7 +362,7 @@ class Drop(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorResiduals(ReadOnly):
-    """What the residuals of a fit say of one of its sensors."""
+    """What the residuals of a fit say of one sensor."""
 
     name: str
     item: str  # what it was read in, rest or move
@@ -377,17 +377,17 @@ class SensorResiduals(ReadOnly):
 
     @property
     def worst(self) -> int:
-        """That rest or move which is farthest off."""
+        """The rest or move with the largest residual."""
         return int(np.argmax(np.nan_to_num(self.deviations)))
 
     @property
     def remark(self) -> Remark:
-        """What is to be known of the sensor."""
+        """A remark on the sensor's residuals."""
         off = self.deviations[self.worst]
         words = (
-            f"{self.name}: chi2 {self.chi_square:.3g} of {self.dof:.3g} "
-            f"(chance {chance_words(self.p_value, 2)}); farthest off {self.item} "
-            f"{self.worst} ({off:.3g} standard deviations)"
+            f"{self.name}: chi-square {self.chi_square:.3g} with "
+            f"{self.dof:.3g} degrees of freedom ({p_words(self.p_value)}); "
+            f"farthest off: {self.item} {self.worst}, by {off:.3g} standard deviations"
         )
         kind, do = "residuals", ""
         if self.outliers:
@@ -398,7 +398,7 @@ class SensorResiduals(ReadOnly):
         return Remark(kind, words, do, numbers)
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
+        """Return it as plain JSON values."""
         known = np.isfinite(self.p_value)
         return {
             "chi_square": self.chi_square,
@@ -412,7 +412,7 @@ class SensorResiduals(ReadOnly):
 
 
 class Left:
-    """What the parameters cannot explain of the rows, in units of the fit's noise.
+    """Residuals outside the range of the parameters, in units of the fit's noise.
 
     That is the stated one of each source, and errors beside it of such variances.
     """
@@ -438,14 +438,14 @@ class Left:
         self.asked = self.moments(none, self.U)
 
     def covariance(self, variances: Float[Array, " e"]) -> Float[Array, "d d"]:
-        """Covariance of what is left, with errors of such variances."""
+        """Covariance of the residuals, with errors of such variances added."""
         more = (v * U for v, U in zip(variances, self.U, strict=True))
         return sum(self.V) + sum(more)
 
     def moments(
         self, variances: Float[Array, " e"], parts: Sequence[Array]
     ) -> Float[Array, "s 3"]:
-        """Of some parts of that: their share of chi-square, its mean and variance."""
+        """Each part's share of chi-square, with the mean and variance of that share."""
         weight = np.linalg.inv(self.covariance(variances))
         q, values = weight @ self.y, []
         for V in parts:
@@ -454,18 +454,18 @@ class Left:
         return np.array(values).reshape(-1, 3)
 
     def p_value(self) -> float:
-        """Chance that noise as stated leaves as much, in all rows or of any error."""
+        """Chance of residuals as large with noise as stated, in all or by one error."""
         rows = self.y.size
         every = [(self.stated[:, 0].sum(), rows, 2.0 * rows), *self.asked]
         chances = [sum_chance(each) for each in every if freedom(each) > LEAST_FREEDOM]
         return min(1.0, len(chances) * min(chances))
 
     def combination(self) -> Combination:
-        """The combination of parameters that is least determined."""
+        """The combination of parameters that the rows determine worst."""
         return least_determined_of(self.J, self.rows.names)
 
     def sensors(self) -> tuple[SensorResiduals, ...]:
-        """Judge each sensor, rest and move; outliers by the noise of the fit."""
+        """Judge each sensor, rest and move, by the noise that the fit used."""
         wide = max(each.items.shape[2] for each in self.sources)
         items = [
             np.pad(
@@ -505,12 +505,12 @@ class Left:
 
 
 def freedom(value: Any) -> float:
-    """Degrees of freedom of a sum of squares of this mean and variance."""
+    """Degrees of freedom of a sum of squares with this mean and variance."""
     _, mean, variance = value
     return float(2.0 * mean**2 / variance) if variance > 0.0 else 0.0
 
 
 def sum_chance(value: Any) -> float:
-    """Chance of a sum of squares of this mean and variance to be as large."""
+    """Chance of a sum of squares as large, from its mean and variance."""
     seen, mean, variance = value
     return float(scipy.special.gammaincc(mean**2 / variance, seen * mean / variance))

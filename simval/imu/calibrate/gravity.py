@@ -1,4 +1,4 @@
-r"""Gravity where a sensor was calibrated, and what its uncertainty does to the scales.
+r"""Gravity at a place, and what its uncertainty does to the scale factors.
 
 **From latitude and height.** Normal gravity on the ellipsoid of WGS 84 (Somigliana) and
 its decrease with height, NIMA TR8350.2, third edition (2000), eqs. (4-1) and (4-3):
@@ -50,7 +50,7 @@ HEIGHTS: Final = (-500.0, 9000.0)
 
 
 class Gravity(NamedTuple):
-    """Gravity of a place, and how well it is known."""
+    """Gravity at a place, with its standard uncertainty."""
 
     g: float  # m/s^2
     std: float = 0.0  # standard deviation, m/s^2; 0 where it was taken as exact
@@ -58,7 +58,7 @@ class Gravity(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What was taken."""
+        """Say which gravity was used, and where it comes from."""
         source = f", {self.source}" if self.source else ""
         exact = "" if self.std else ", taken as exact"
         return f"{measured(self.g, self.std)} m/s²{source}{exact}"
@@ -102,7 +102,7 @@ def local_gravity(latitude: float, height: float) -> Gravity:
 def gravity_error(
     model: str, parameters: Float[Array, "... 9"], ratio: float
 ) -> Float[Array, "... 9"]:
-    """What a relative error of gravity does to an accelerometer's parameters, (GR3)."""
+    """Change of an accelerometer's parameters by a relative error of gravity, (GR3)."""
     scales = slice(0, 6) if model == "symmetric" else slice(3, 6)
     error = np.zeros(parameters.shape)
     error[..., scales] = ratio * parameters[..., scales]

@@ -114,14 +114,14 @@ class Calibration(Estimate):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all: the accelerometer's, then with gyro and mag before them."""
+        """Names of all parameters; gyroscope's and magnetometer's have a prefix."""
         gyro = () if self.gyroscope is None else NAMES
         mag = () if self.magnetometer is None else OWN_NAMES
         others = (*(f"gyro_{x}" for x in gyro), *(f"mag_{x}" for x in mag))
         return (*forms.names(self.recording.model), *others)
 
     def with_covariance(self, covariance: Float[Array, "... p p"]) -> "Calibration":
-        """Return the same calibration, and each sensor's part, with another covariance.
+        """Return the same calibration with another covariance, in each part too.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class Calibration(Estimate):
         return _parts_of(replace(self, covariance=covariance))
 
     def as_object(self) -> dict[str, Any]:
-        """Return what the sensors' own objects do not hold, as JSON can hold it.
+        """Return what is not in the sensors' own objects, as plain JSON values.
 
         Returns
         -------
@@ -245,7 +245,7 @@ def fit(
 
 
 def together(recording: Recording, parts: Mapping[str, Calibration]) -> Calibration:
-    """One fit of all, from that of each other sensor with the accelerometer.
+    """Fit all sensors in one, starting from the separate fits.
 
     Raises
     ------
@@ -298,7 +298,7 @@ def _of_two(
 
 
 def accelerometer_of(recording: Recording) -> FitResult:
-    """The accelerometer's own calibration, by the noise where all rests have any."""
+    """Calibrate the accelerometer alone, with the noise if every rest has one."""
     std = np.sqrt((recording.pose_std**2).mean(axis=-1))
     return calibrate(
         recording.poses, recording.g, recording.model, residual="weighted",
@@ -355,7 +355,7 @@ def joined(
     covariance: Float[Array, "9 9"],
     poses: Float[Array, "n 3"],
 ) -> FitResult:
-    """The accelerometer as a fit with other sensors leaves it."""
+    """The accelerometer's result after a fit with other sensors."""
     M = forms.matrix(acc.model, parameters)
     length = np.linalg.norm((poses - parameters[6:]) @ M.T, axis=1)
     return replace(

@@ -1,4 +1,4 @@
-r"""Least-cost ellipsoid of scaled readings.
+r"""Ellipsoid of least cost through scaled readings.
 
 **The squared residual's ellipsoid by its centre alone: three unknowns for nine.**
 
@@ -102,7 +102,7 @@ _SLOPES = monomial_slopes()
 def normalized(
     poses: Float[Array, "t n 3"],
 ) -> tuple[Float[Array, "t n 3"], Float[Array, "t 3"], Float[Array, " t"]]:
-    """Move readings to their mean and scale them to unit size."""
+    """Centre readings on their mean and scale them to unit size."""
     count = poses.shape[1]
     centre = np.vecmat(np.ones(count), poses) / count
     z = np.ascontiguousarray(poses.mT) - centre[..., None]
@@ -160,7 +160,7 @@ def minimize_leverage(
     rules: Rules,
     slack: float,
 ) -> Solution:
-    """Minimise v'Gv over the ellipsoids, from the centre of the given one."""
+    """Minimise v'Gv over the ellipsoids, starting from the centre of a given one."""
 
     def objective(bias: Array, rows: Any) -> Local:
         few = leverage if rows.size == len(theta) else leverage.take(rows)
@@ -179,7 +179,7 @@ def minimize_leverage(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Leverage(Trials):
-    """Parts of a leverage; NaN where G_9 is not positive."""
+    """Factors of the moment matrix; NaN where G_9 is not positive."""
 
     root: Float[Array, "t 9 9"]  # of the inverse of G_9
     pivot: Float[Array, " t"]  # least of G_9
@@ -188,7 +188,7 @@ class Leverage(Trials):
 
     @classmethod
     def of(cls, moments: Float[Array, "t 10 10"]) -> "Leverage":
-        """Factorise the moments of some trials."""
+        """Factorise the moment matrices of some trials."""
         root, pivot = inverse_root(moments[:, :9, :9])
         start = np.vecmat(np.matvec(root, moments[:, :9, 9]), root)
         return cls(
@@ -199,7 +199,7 @@ class Leverage(Trials):
         )
 
     def local(self, bias: Float[Array, "t 3"], *, newton: bool) -> Local:
-        """The function 1/2 psi of eq. (H2) at a point."""
+        """The cost 1/2 psi of eq. (H2) and its derivatives at a centre."""
         psi, v = self._best(bias)
         two_a = 2.0 * quadratic(v)
         slope = np.matvec(two_a, bias) + v[:, 6:]  # half of -psi'
@@ -224,7 +224,7 @@ class Leverage(Trials):
         )
 
     def gram(self, bias: Float[Array, "t 3"]) -> Float[Array, "t 3 3"]:
-        """A = M'M of the ellipsoid of eq. (H1) about its centre."""
+        """A = M'M of the best ellipsoid about a centre, eq. (H1)."""
         psi, v = self._best(bias)
         return quadratic(v) / psi[:, None, None]
 
@@ -255,7 +255,7 @@ _LEAST_PIVOT = 1e-12
 
 
 class Ellipsoid(NamedTuple):
-    """An ellipsoid |M(z - b)| = 1 through the poses, and how well they fix it."""
+    """An ellipsoid |M(z - b)| = 1 through the poses, and how well they determine it."""
 
     gram: Float[Array, "t 3 3"]  # A = M'M; NaN where the poses do not fix an ellipsoid
     bias: Float[Array, "t 3"]  # its centre
@@ -289,7 +289,7 @@ def pose_objective(
     *,
     newton: bool,
 ) -> Objective:
-    """Cost of a residual that needs a pass over the poses for each step."""
+    """Cost of a residual that has to visit every pose in each step."""
 
     def objective(theta: Array, rows: Any) -> Local:
         x = m if rows.size == len(m) else m[rows]
@@ -353,7 +353,7 @@ def minimize_reweighted(
     slack: float,
     shares: Float[Array, "t n"] | None = None,
 ) -> tuple[Solution, Float[Array, "t n"] | None]:
-    """Solve with weights renewed between rounds."""
+    """Solve for weights that depend on the solution, renewed in rounds."""
     count = len(theta)
     result, gradient = theta.copy(), np.full(count, np.nan)
     code = np.full(count, Code.MAX_ITERATIONS)

@@ -30,7 +30,7 @@ _ROUNDS = 4  # of the weights: they settle within the noise after two
 def coefficients(
     design: Float[Array, "n 9"], slope: Float[Array, " n"], left_out: list[int]
 ) -> Float[Array, "9"]:
-    """Coefficients of the ellipsoid without some poses."""
+    """Coefficients of the ellipsoid that is fitted without some poses."""
     rows = np.delete(design / slope[:, None], left_out, axis=0)
     size = np.linalg.norm(design / slope[:, None], axis=0)
     size[size == 0.0] = 1.0
@@ -41,7 +41,7 @@ def coefficients(
 def deletion_of(
     design: Float[Array, "n 9"], slope: Float[Array, " n"], floor: float
 ) -> Deletion:
-    """Set the algebra of distances up."""
+    """Prepare the deletion of poses from the fit of an ellipsoid."""
     return Deletion.of(design / slope[:, None], 1.0 / slope, floor=floor)
 
 
@@ -53,7 +53,7 @@ def slope_of(p: Float[Array, "9"], z: Float[Array, "n 3"]) -> Float[Array, " n"]
 
 
 def scaled(poses: Float[Array, "n 3"]) -> tuple[Float[Array, "n 3"], float, float]:
-    """Readings of unit size about their mean."""
+    """Centre readings and scale them to unit size."""
     offset = poses - poses.mean(axis=0)
     greatest = np.abs(offset).max() or 1.0  # squares of it may be out of range
     offset = offset / greatest
@@ -68,7 +68,7 @@ def judge_poses(
     sigma: Float[Array, " n"] | None,
     time: Float[Array, " n"],
 ) -> tuple[Judgement | None, list[int]]:
-    """Judge what is wrong with some poses, and which of them are off.
+    """Find the poses that do not lie on the ellipsoid of the others, and say why.
 
     Of a noise that is not known nothing is asked but which poses are not on the
     ellipsoid of the others, by these: (O1) and (O2) of `goodness_of_fit`.
@@ -98,7 +98,7 @@ def _outliers(poses: Float[Array, "n 3"]) -> list[int]:
 def standardized(
     poses: Float[Array, "n 3"], sigma: Float[Array, " n"] | None, off: Sequence[int]
 ) -> Float[Array, " n"]:
-    """Deletion residual of each pose from the ellipsoid of the others not `off`.
+    """Distance of each pose from the ellipsoid of the others, in standard deviations.
 
     In standard deviations; NaN where the poses that belong leave no freedom.
     """

@@ -1,4 +1,4 @@
-r"""Rotations between rests, reduced to path statistics.
+r"""Rotations between rests, each reduced to a few sums over its samples.
 
 **Path statistics: what a stretch of gyroscope readings says, without M or B in it.**
 
@@ -67,7 +67,7 @@ def path_statistics(
     chunk: int = 1,
     centre: Float[Array, "t 3"] | None = None,
 ) -> Float[Array, "t k 10 j"]:
-    """Statistics of the steps between rows, merged by `chunk`, from row to row.
+    """Sums over the steps from row to row, merged by `chunk`.
 
     Stretch k goes from the time of row ``first[k]`` to that of ``last[k]``; ``step[r]``
     is the time from row r - 1 to row r. Shorter stretches end in statistics of zero.
@@ -128,7 +128,7 @@ def _step(y: Float[Array, "3 t k p"], h: Float[Array, "k j"], scheme: str) -> Ar
 
 
 def merged(steps: Float[Array, "t k 10 j"], chunk: int) -> Float[Array, "t k 10 c"]:
-    """Merge so many neighbours into one, eq. (N2)."""
+    """Merge every so many neighbouring steps into one, eq. (N2)."""
     rows = np.moveaxis(steps, 2, 0)
     while chunk > 1:
         if rows.shape[-1] % 2:
@@ -150,7 +150,7 @@ def _pairs(one: Float[Array, "10 t k j"], two: Float[Array, "10 t k j"]) -> Arra
     return both
 
 
-_HOLE = 3.5  # steps; a row or two may be missing, a rotation is not told without more
+_HOLE = 3.5  # steps; with more than a row or two missing a rotation is not known
 _LEAST_REST = 3  # rows, of which two may be given to the rotations
 
 
@@ -211,7 +211,7 @@ class InterRestRotations(ReadOnly):
 
     @property
     def left_out(self) -> str:
-        """Rotations that are none, in words; empty where all are."""
+        """Say which rotations were left out, and why; empty if none was."""
         every = np.arange(len(self.rest_times) - 1)
         lost = np.setdiff1d(every, self.before).tolist()
         between = ", ".join(f"{k} and {k + 1}" for k in lost)
@@ -337,7 +337,7 @@ def inter_rest_rotations(
 
 
 class PathPart(NamedTuple):
-    """A stretch of each rotation, from the time of a row to that of another."""
+    """A stretch of each rotation, between two rows."""
 
     step: Float[Array, " n"]  # time before each row that counts, s
     first: NDArray[np.intp]
@@ -356,7 +356,7 @@ def _ramp(step: Array, rests: NDArray[np.intp], end: int) -> PathPart:
 
 
 def ramps(count: int, rests: NDArray[np.intp]) -> Float[Array, " n"]:
-    """The s of eq. (N12) of each row in a rest: 0 at its start, and 1 after its end."""
+    """The s of eq. (N12) for each row of a rest: 0 at its start, 1 after its end."""
     weights = np.zeros(count)
     for a, b in rests:
         weights[a:b] = np.arange(b - a) / (b - a)
@@ -399,7 +399,7 @@ def _checked(time: Array, y: Array, intervals: Any) -> Any:
 
 
 def checked_rests(intervals: Any, count: int) -> NDArray[np.intp]:
-    """Require rests in order among so many rows, start <= row < stop."""
+    """Check rests in order, each start <= row < stop within the rows."""
     rows = finite_array("intervals", intervals, (None, 2))
     flat = rows.reshape(-1)
     whole = rows.ndim == 2 and len(rows) >= 2 and np.all(flat == np.round(flat))

@@ -42,7 +42,7 @@ OTHERS = ("gyroscope", "magnetometer")
 
 
 class Taken(NamedTuple):
-    """What was taken out of the readings, and how well it is known."""
+    """A known effect that was taken out of the readings, with its covariance."""
 
     thermal: Mapping[str, Term] = {}  # by sensor
     # what specific force does to the gyroscope, raw units per m/s^2, and its sd, (3, 3)
@@ -204,13 +204,13 @@ class Recording(ReadOnly):
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """Those that there are beside the accelerometer."""
+        """Names of the sensors other than the accelerometer."""
         there = (self.rotations is not None, self.fields is not None)
         return tuple(n for n, given in zip(OTHERS, there, strict=True) if given)
 
     @property
     def shifts(self) -> list[dict[str, Array]]:
-        """Each error of a term, as what it does to the means of its sensor."""
+        """Each independent error of a term, as the change of its sensor's means."""
         return [
             {name: shift}
             for name, each in self.taken.shifts.items()
@@ -219,7 +219,7 @@ class Recording(ReadOnly):
         ]
 
     def moved(self, shift: Mapping[str, Array]) -> "Recording":
-        """Return the same with other means, and with nothing taken out of them.
+        """The same recording with its means shifted, and no term taken out.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class Recording(ReadOnly):
         return replace(self, poses=poses, fields=fields, taken=NOTHING)
 
     def of(self, sensors: tuple[str, ...]) -> "Recording":
-        """Return the same without the sensors that are not among these.
+        """The same recording with only these sensors.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class Recording(ReadOnly):
 
 
 def require_same(name: str, fit: FitResult, recording: Recording) -> None:
-    """Require a calibration with the gravity of a recording, in its form."""
+    """Check that a calibration has the gravity and the form of a recording."""
     g, g_std, model = recording.g, recording.g_std, recording.model
     if (fit.g, fit.g_std, fit.model) != (g, g_std, model):
         msg = (
@@ -272,7 +272,7 @@ def require_same(name: str, fit: FitResult, recording: Recording) -> None:
 
 
 def std_of(name: str, value: Any, shape: tuple[int, ...]) -> Float[Array, "..."]:
-    """Noise of means of a shape, (n, 1), of each axis (n, 3), or of each trial.
+    """Check the noise of means: one number, one a rest, an axis or a trial.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-r"""From the rows of a recording to what its sensors showed in each rest.
+r"""Reduce the rows of a recording to what its sensors showed in each rest.
 
 The model of a gyroscope's bias, what it owes to the temperature and whether forces act
 on it are chosen by evidence (`simval.imu.calibrate.gyroscope.at_rest`), and taken out.
@@ -32,7 +32,7 @@ from simval.imu.calibrate.path_statistics import (
 )
 from simval.imu.calibrate.recording import Bias, Hemisphere, Recording, Taken, std_of
 from simval.shapes import Float
-from simval.text import chance_words
+from simval.spelling import chance as p_words
 from simval.vocabulary import Model
 
 _CHOICES = ("auto", "constant", "line")
@@ -207,9 +207,8 @@ def _without_effects(
     scatter, _ = walk_of(rests, np.ones((len(at), 1)))
     how["means"] = moves
     moved = moves and (
-        "rotations go from the mean attitude of a rest to that of the next: in rests "
-        f"that are still the gyroscope reads as here in {chance_words(chance, 2)} of "
-        f"logs ({MOVES:g} allowed)"
+        "rotations go from the mean attitude of a rest to that of the next; that the "
+        f"rests are still has {p_words(chance)}"
     )
     force = acc.sensor().correct(read) if found.kept else None
     more, known = _taken_out(time, warm, force, found, rests, chosen)
@@ -248,7 +247,7 @@ def _checked(name: str, rows: Any, count: int) -> Float[Array, "n 3"]:
 
 
 def variance_within(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "3"]:
-    """Variance of single readings about the mean of their rest, by axis."""
+    """Variance of single readings about their rest's mean, by axis."""
     counts = np.diff(rests)[:, 0]
     squares = sum(rows[a:b].var(axis=0) * (b - a) for a, b in rests)
     return squares / (counts.sum() - len(counts))

@@ -65,19 +65,19 @@ def monomials(z: Float[Array, "n 3"]) -> Float[Array, "n 10"]:
 
 
 def monomial_slopes() -> Float[Array, "9 3 4"]:
-    """Slopes of the first nine monomials by x, y and z, over x, y, z and 1."""
+    """Derivatives of the first nine monomials by x, y and z, over x, y, z and 1."""
     factors = np.eye(4)[[FIRST[:9], SECOND[:9]]]
     slopes = factors[0, :, :3, None] * factors[1, :, None]
     return slopes + factors[1, :, :3, None] * factors[0, :, None]
 
 
 def symmetric(entries: Float[Array, "... 6"]) -> Float[Array, "... 3 3"]:
-    """Symmetric matrix of six entries in the order of the monomials."""
+    """Symmetric matrix from six entries in the order of the monomials."""
     return entries.take(_PLACES, axis=-1)
 
 
 def quadratic(p: Float[Array, "... m"]) -> Float[Array, "... 3 3"]:
-    """Symmetric matrix of the quadratic part of coefficients of the monomials."""
+    """Symmetric matrix of the quadratic part, from coefficients of the monomials."""
     return symmetric(p[..., :6] * _HALVES)
 
 
@@ -90,7 +90,7 @@ def moment_matrix(
 
 
 def monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
-    """A row for each of `monomials`: the poses are next to each other in memory."""
+    """The `monomials` with one row each, so that poses are contiguous in memory."""
     x = np.ascontiguousarray(z.mT)
     result = np.empty((len(x), 10, x.shape[-1]))
     np.multiply(x, x, out=result[:, :3])
@@ -132,7 +132,7 @@ def unbiased_moment_matrix(
 
 
 class Quadric(NamedTuple):
-    """A quadric's coefficients with their derivatives by the nine parameters."""
+    """Coefficients of a quadric, with their derivatives by the nine parameters."""
 
     gram: Float[Array, "t 3 3"]  # the quadratic part
     slopes: Float[Array, "t 6 3 3"]  # its derivatives by the first six parameters
@@ -257,14 +257,14 @@ WEIGHTED = ("weighted", "sampson")  # by the variance of the residual
 def noise_shares(
     residual: str, sigma: Float[Array, "... n"] | None
 ) -> Float[Array, "... n"] | None:
-    """Weight of each pose by its noise, over that of the best one of its set."""
+    """Weight of each pose by its noise, relative to the quietest pose of its set."""
     if sigma is None or residual not in WEIGHTED or np.all(sigma == sigma[..., :1]):
         return None
     return (sigma.min(axis=-1, keepdims=True) / sigma) ** 2
 
 
 class Slopes(NamedTuple):
-    """Value, slopes and curvature of half the cost of each pose by (c, q)."""
+    """Value, slopes and curvature by (c, q) of half the cost of each pose."""
 
     cost: Float[Array, "t n"]  # half the cost of each pose
     # c, q: slopes
@@ -276,7 +276,7 @@ class Slopes(NamedTuple):
     qq: Float[Array, "t n"]
 
     def weighted(self, shares: Float[Array, "t n"] | None) -> "Slopes":
-        """Multiply the cost of each pose by a weight."""
+        """The same with each pose's cost multiplied by a weight."""
         if shares is None:
             return self
         return Slopes(*(part * shares for part in self))

@@ -1,4 +1,4 @@
-r"""Temperature of the rests: its range, what it goes with, and its change within them.
+r"""Temperature of the rests: its range, its changes, and what it may be confused with.
 
 **Temperature and time.** What rises all the time is a drift as well: where the order of
 the rests' temperatures is that of their times, or nearly (Spearman's correlation beyond
@@ -26,7 +26,7 @@ from simval.account import Remark
 from simval.arrays import Array, ReadOnly
 from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM
 from simval.shapes import Float
-from simval.text import chance_words
+from simval.spelling import chance as p_words
 
 LEAST_SPAN: Final = 2.0  # K over the rests
 LEAST_STEPS: Final = 7.0
@@ -37,7 +37,7 @@ MONOTONE: Final = 0.95
 """Of 12 rests in an order of chance one set in 500 000 has such a correlation."""
 FOLLOWS: Final = 0.9
 """Share of their variance; three axes explain as much of 24 by chance in 4e-10."""
-_ALIKE = 1e3  # condition of rates of temperature beside a constant
+_ALIKE = 1e3  # condition of rates of temperature fitted with a constant
 _AROUND = 5  # rows of a running median
 
 
@@ -80,7 +80,7 @@ class RestTemperatures(ReadOnly):
         rests: Any,
         poses: Float[Array, "m 3"] | None = None,
     ) -> "RestTemperatures":
-        """From the rows and the rests among them, and the mean readings in these.
+        """Average the temperature of the rows over each rest.
 
         One or two wrong rows in a row (a bus that fails reads 85 or 0) are passed over.
         """
@@ -103,18 +103,18 @@ class RestTemperatures(ReadOnly):
 
     @property
     def span(self) -> float:
-        """Greatest less least mean, K."""
+        """Highest mean minus lowest mean, K."""
         return float(np.ptp(self.mean))
 
     @property
     def least_span(self) -> float:
-        """Least span from which an effect can be told, K."""
+        """Least span that could show an effect, K."""
         step = self.step if np.isfinite(self.step) else 0.0  # of one value
         return max(LEAST_SPAN, LEAST_STEPS * step)
 
     @property
     def reference(self) -> float:
-        """Their mean, degrees Celsius."""
+        """Mean over the rests, degrees Celsius."""
         return float(self.mean.mean())
 
     @property
@@ -125,7 +125,7 @@ class RestTemperatures(ReadOnly):
 
     @property
     def line(self) -> str:
-        """The range, and how much it changes within a rest."""
+        """Say the range, and how much the temperature changes within a rest."""
         return (
             f"rests from {self.mean.min():.2f} to {self.mean.max():.2f} degC, within a "
             f"rest by {np.abs(self.change).max():.2g} K at most"
@@ -133,7 +133,7 @@ class RestTemperatures(ReadOnly):
 
     @property
     def monotone(self) -> Remark | None:
-        """That it rises or falls with time, or nothing."""
+        """Say that it only rises or only falls with time; else nothing."""
         if len(self.mean) < 3 or not self.span > 0.0:
             return None
         ranks = [scipy.stats.rankdata(x) for x in (self.mean, self.time)]
@@ -149,7 +149,7 @@ class RestTemperatures(ReadOnly):
 
     @property
     def confounded(self) -> Remark | None:
-        """What else looks the same as an effect of temperature, or nothing."""
+        """Say what else would look like an effect of temperature; else nothing."""
         if self.monotone or self.by_force < FOLLOWS:
             return self.monotone
         words = (
@@ -161,13 +161,13 @@ class RestTemperatures(ReadOnly):
         return Remark("with force", words, do, {"R2": self.by_force})
 
     def not_modelled(self, why: str) -> str:
-        """Say that it changed and nothing is made of it, if it did."""
+        """Say that the temperature changed but is not modelled, if it changed."""
         if not self.span > 0.0:
             return ""
         return f"temperature changed by {self.span:.2f} K; not modelled because {why}"
 
     def refusal(self, left: int) -> str:
-        """Say why no term can be told with so many degrees of freedom, or nothing."""
+        """Say why so few degrees of freedom allow no term; nothing if they do."""
         if self.span < self.least_span:
             return (
                 f"{self.least_span:g} K or more between rests are needed to see an "
@@ -200,7 +200,7 @@ def _line(values: Array, time: Float[Array, " n"]) -> tuple[Any, float]:
 
 
 class Within(NamedTuple):
-    """What readings do within the rests beside their terms in temperature, (TH3)."""
+    """Change of the readings within rests that no term explains, (TH3)."""
 
     chance: float  # of as much without an effect; NaN where the rests do not tell
     by_kelvin: Float[Array, "3"]  # raw units
@@ -208,14 +208,14 @@ class Within(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What is seen, and what it may be."""
+        """Say what was seen, and what may cause it."""
         if not self.chance < DRIFT_FALSE_ALARM:
             return "within rests the readings show no more of temperature or time"
         kelvin, hour = np.abs(self.by_kelvin).max(), 3600 * np.abs(self.by_second).max()
         return (
             f"within rests the readings change by {kelvin:.2g} raw units a kelvin and "
-            f"{hour:.2g} an hour that no term explains (chance "
-            f"{chance_words(self.chance)}): an effect too small between the rests, a "
+            f"{hour:.2g} an hour that no term explains "
+            f"({p_words(self.chance)}): an effect too small between the rests, a "
             "sensor that heats itself, a thermometer that lags, or a drift in time"
         )
 
@@ -227,7 +227,7 @@ def within_rests(
     seen: RestTemperatures,
     thermal: Any = None,
 ) -> Within:
-    """Judge the slopes of corrected readings within the rests, (TH3).
+    """Test the slopes of corrected readings within the rests, (TH3).
 
     `thermal` are the terms that corrected them, if any. A temperature that moves in
     steps must pass `LEAST_STEPS` of them in a rest (root mean square) to tell.

@@ -18,7 +18,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 
 
 def raw_unit(length: float) -> str:
-    """Unit of a reading, by its size at rest."""
+    """Unit of a reading, judged by its size at rest."""
     for name, size in (("m/s^2", STANDARD_GRAVITY), ("g", 1.0)):
         # the halves and doubles of a unit are other ranges: within a factor root 2
         if 0.7 < length / size < 1.4:
@@ -28,7 +28,7 @@ def raw_unit(length: float) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitResult(Estimate):
-    """Calibration of an accelerometer from one pose set, or of a batch of trials.
+    """Calibration of an accelerometer, from one pose set or a batch of trials.
 
     Nine parameters with their covariance, `dof` poses less nine, as in `Estimate`.
 
@@ -102,7 +102,7 @@ class FitResult(Estimate):
 
     @property
     def K(self) -> Float[Array, "... 3"]:
-        """Scale, m/s^2 per raw unit, (..., 3); symmetric form: matrix (..., 3, 3)."""
+        """Scale, m/s^2 per raw unit, (..., 3); in symmetric form (..., 3, 3)."""
         return forms.factors(self.model, self.parameters)[1]
 
     @property
@@ -117,14 +117,14 @@ class FitResult(Estimate):
 
     @property
     def sensor_scale(self) -> Array:
-        """Scale of the sensor itself, raw units per m/s^2: the inverse of K."""
+        """Scale the other way round, raw units per m/s^2: the inverse of K."""
         if self.model == "symmetric":
             return np.linalg.inv(self.K)
         return 1.0 / self.K
 
     @property
     def raw_per_g(self) -> Float[Array, "... 3"]:
-        """Reading of each axis for the gravity of the fit, raw units, (..., 3)."""
+        """Reading of each axis for the fit's gravity, raw units, (..., 3)."""
         scale = self.sensor_scale
         if self.model == "symmetric":
             scale = np.linalg.diagonal(scale)
@@ -132,16 +132,16 @@ class FitResult(Estimate):
 
     @property
     def raw_unit(self) -> str:
-        """Unit of the raw readings of one fit, by their size at rest."""
+        """Unit of the raw readings of one fit, judged by their size at rest."""
         return raw_unit(float(np.mean(np.abs(self.raw_per_g))))
 
     @property
     def of_gravity(self) -> Float[Array, "... 9"]:
-        """What one standard deviation of gravity does to the parameters, (..., 9)."""
+        """Change of the parameters by one standard deviation of gravity, (..., 9)."""
         return gravity_error(self.model, self.parameters, self.g_std / self.g)
 
     def with_gravity(self, g_std: float) -> "FitResult":
-        """Return the same fit, with a covariance for another knowledge of gravity.
+        """Return the same fit, its covariance with another uncertainty of gravity.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class FitResult(Estimate):
 
     @property
     def freedom(self) -> Any:
-        """Degrees of freedom of the variance of each parameter, (..., 9).
+        """Degrees of freedom of each parameter's variance, (..., 9).
 
         By Welch and Satterthwaite (JCGM 100:2008, eq. (G.2b)), as that of gravity is
         known; those of the residuals where gravity was taken as exact.

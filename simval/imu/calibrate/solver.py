@@ -1,4 +1,4 @@
-r"""Minimisation for a batch of trials, and the small linear systems of its steps.
+r"""Minimiser for a batch of trials, with the small linear systems of its steps.
 
 **Elimination of small symmetric matrices, positive definite or not.**
 
@@ -37,7 +37,7 @@ _ROUNDING = 1e-15
 
 
 def eliminate(n: Float[Array, "p q t"]) -> Float[Array, "p t"]:
-    """Eliminate symmetric matrices in place, trials on the last axis: the pivots D.
+    """Eliminate symmetric matrices in place (trials last); return the pivots D.
 
     Of N = LDL', L with a unit diagonal, a unit matrix right of N becomes the inverse
     of L.
@@ -52,7 +52,7 @@ def eliminate(n: Float[Array, "p q t"]) -> Float[Array, "p t"]:
 def inverse_root(
     matrices: Float[Array, "t p p"],
 ) -> tuple[Float[Array, "t p p"], Float[Array, " t"]]:
-    """Lower triangles R, the inverse R'R, and the least pivot over its diagonal.
+    """Triangles R whose R'R is the inverse, and the least pivot over its diagonal.
 
     Where a matrix is not positive within rounding R is NaN, and the pivot 0.
     """
@@ -80,7 +80,7 @@ def negative_pivots(matrices: Float[Array, "t p p"]) -> Any:
 
 
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
-    """Trace of each matrix, summed in the same order for every size of batch."""
+    """Trace of each matrix, summed in the same order for any size of batch."""
     return np.add.accumulate(matrices.diagonal(0, -2, -1), axis=-1)[:, -1]
 
 
@@ -93,7 +93,7 @@ _ROUNDING_FLOOR = 1e-7  # below it a step that no longer shrinks is rounding
 
 
 class Code:
-    """Status of a trial: where its words stand in `STATUS_NAMES`."""
+    """Status of a trial, as an index into `STATUS_NAMES`."""
 
     CONVERGED, MAX_ITERATIONS, STALLED, NON_FINITE, DUPLICATES, RANK = range(6)
     CONDITION, NOT_ELLIPSOID, SATURATED, NOISE_RANK, WIDE = range(6, 11)
@@ -123,7 +123,7 @@ class Trials:
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def take(self, rows: Any) -> Self:
-        """Those of some trials."""
+        """Select some trials."""
 
         def taken(value: Any) -> Any:
             if value is None:
@@ -136,7 +136,7 @@ class Trials:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Local(Trials):
-    """Half the cost and its derivatives at a point."""
+    """Half the cost, with its derivatives, at a point."""
 
     cost: Float[Array, " t"]  # half the sum of squared residuals
     gradient: Float[Array, "t p"]  # its gradient
@@ -156,7 +156,7 @@ class Rules:
 
 
 class Solution(NamedTuple):
-    """End point of the iteration of each trial."""
+    """Solution of each trial, where the iteration ended."""
 
     theta: Float[Array, "t p"]  # parameters
     code: Any  # one of `Code` for each trial, (t,)

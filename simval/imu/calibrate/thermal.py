@@ -1,4 +1,4 @@
-r"""Bias and scale of a sensor that depend on its temperature, chosen by evidence.
+r"""Bias and scale that depend on temperature, where the evidence shows it.
 
 With :math:`\tau = T - T_0`, T_0 the mean temperature of the rests, a triad reads
 
@@ -51,7 +51,7 @@ TERMS: Final[tuple[Effect, ...]] = (
 
 
 class Course(NamedTuple):
-    """What is known of each row, that a bias or a scale may follow."""
+    """What is known of each row that a bias or a scale may follow."""
 
     name: str  # of the rows of a log
     unit: str  # of a change of it
@@ -79,7 +79,7 @@ class _ThermalVector(Corrected):
     def pull(
         self, a: Float[Array, "t k e 3"], rests: slice = slice(None)
     ) -> tuple[Float[Array, "t k e q"], Float[Array, "t k e 3"]]:
-        """Derivative of a'w of some rests by the parameters, and by unit noises."""
+        """Derivatives of a'w at some rests by the parameters and by unit noises."""
         own, _ = Corrected.pull(self, a, rests)
         back = (a.reshape(len(a), -1, 3) @ self.matrix).reshape(a.shape)
         by_bias = back * self.stretch[:, rests, None]
@@ -93,7 +93,7 @@ class _ThermalVector(Corrected):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ThermalTriad(Accelerometer):
-    """A triad of a vector of known length, its parameters those of (TH1)."""
+    """A triad with temperature terms (TH1) that reads a vector of known length."""
 
     terms: tuple[Effect, ...]
     powers: Float[Array, "n j"]  # means of tau and of its square over each rest
@@ -102,11 +102,11 @@ class ThermalTriad(Accelerometer):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the form's parameters and the terms."""
+        """Names of the form's parameters, then of the terms."""
         return (*forms.names(self.model), *names_of(self.terms))
 
     def corrected(self, theta: Float[Array, "t p"]) -> Corrected:
-        """The vector of each rest over its length."""
+        """The corrected vector of each rest, over its known length."""
         plain = Accelerometer.corrected(self, theta[:, :9])
         values = theta[:, 9:].reshape(len(theta), -1, 3)
         raw, stretch = law(self.terms, values, self.powers, plain.x)
@@ -130,7 +130,7 @@ def law(
     powers: Float[Array, "n 2"],
     x: Float[Array, "... n 3"],
 ) -> tuple[Float[Array, "... n 3"], Float[Array, "... n 3"]]:
-    """The two factors of (TH1): x = y - b less its bias there, and that of the scale.
+    """The two factors of (TH1): the reading less its bias, and the scale's factor.
 
     `values` are the coefficients of the terms, `powers` tau and its square.
     """
@@ -144,14 +144,14 @@ def law(
 def by_terms(
     terms: tuple[Effect, ...], by_bias: Array, by_scale: Array, powers: Array
 ) -> list[Array]:
-    """Derivatives by each term: those by bias or scale times its power of tau."""
+    """Derivatives by each term's coefficient."""
     by = {"bias": by_bias, "scale": by_scale}
     return [by[what] * powers[..., power - 1, None] for what, power in terms]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Term(ReadOnly):
-    """What acts on the bias and scale of one sensor: temperature, or time.
+    """Dependence of one sensor's bias and scale on temperature, or on time.
 
     Attributes
     ----------
@@ -190,14 +190,14 @@ class Term(ReadOnly):
         return np.sqrt(np.diagonal(self.covariance)).reshape(-1, 3)
 
     def powers(self, temperature: Float[Array, " n"]) -> Float[Array, "n 2"]:
-        """Tau and its square."""
+        """Tau, the temperature from the reference, and its square."""
         tau = temperature - self.reference
         return np.stack([tau, tau * tau], axis=-1)
 
     def compensated(
         self, readings: Float[Array, "n 3"], temperature: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
-        """Readings as the sensor would give them at the reference temperature."""
+        """Readings as they would be at the reference temperature."""
         away, stretch = self._factors(readings, self.powers(temperature))
         return self.centre + stretch * away
 
@@ -209,7 +209,7 @@ class Term(ReadOnly):
     def shifts(
         self, readings: Float[Array, "n 3"], powers: Float[Array, "n 2"]
     ) -> Float[Array, "c n 3"]:
-        """What each of c independent errors of the coefficients does to readings.
+        """Change of the readings by each independent error of the coefficients.
 
         Of one standard deviation each, so that the sum of their outer products is the
         covariance that the coefficients leave in the compensated readings.
@@ -222,12 +222,12 @@ class Term(ReadOnly):
         return np.einsum("nak,cka->cna", slopes, errors)
 
     def outside(self, temperature: Float[Array, " n"]) -> tuple[int, float]:
-        """Rows beyond the temperatures seen, and by how many kelvin at most."""
+        """Number of rows outside the calibrated range, and the largest excess, K."""
         off = np.maximum(self.low - temperature, temperature - self.high)
         return int(np.count_nonzero(off > 0.0)), float(max(off.max(), 0.0))
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values, the bars over the range beside it."""
+        """Return the terms as plain JSON values, with error bars over the range."""
         at, unit = np.linspace(self.low, self.high, 5), self.over.at
         return {
             f"reference_{unit}": self.reference,
@@ -246,7 +246,7 @@ class Term(ReadOnly):
         }
 
     def bars(self, temperature: float) -> dict[str, Float[Array, "3"]]:
-        """Standard deviation of bias and scale at a temperature beside T_0's own."""
+        """Standard deviation that the terms add to bias and scale at a temperature."""
         powers = self.powers(np.array([temperature]))[0]
         k = len(self.terms)
         own = np.einsum("iaja->aij", self.covariance.reshape(k, 3, k, 3))
@@ -258,7 +258,7 @@ class Term(ReadOnly):
 
 
 class ThermalFit(NamedTuple):
-    """Fit of a triad with terms."""
+    """Fit of a triad with temperature terms."""
 
     theta: Float[Array, " p"]  # the nine at the reference, then the coefficients
     covariance: Float[Array, "p p"]  # by the noise as it stands
@@ -267,7 +267,7 @@ class ThermalFit(NamedTuple):
 
 
 class ThermalChoice(NamedTuple):
-    """What the readings owe to temperature, as far as the evidence bears it."""
+    """The temperature terms that the evidence supports."""
 
     rests: RestTemperatures | None = None  # None without a temperature
     thermal: Term | None = None
@@ -288,7 +288,7 @@ def choose_thermal(
     std: Float[Array, " n"],
     over: Course = TEMPERATURE,
 ) -> ThermalChoice:
-    """Choose terms of a triad by their odds, and fit them with its parameters.
+    """Choose the temperature terms of a triad by their odds, and fit them.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def choose_thermal(
     if why:
         return ThermalChoice(rests, reason=not_modelled(why), tested=False)
     most = (len(poses) - 9 - LEAST_LEFT) // 3
-    # where it rises all the time, either is said to fit
+    # if it rises all the time, both are reported to fit
     drifts = DRIFTS if over is TIME or rests.monotone else frozenset[Kind]()
     found = temperature_effect(replace(means, temperature=rests.mean), most, drifts)
     size, terms = np.exp(min(found.odds, 700.0)), found.effects
@@ -356,7 +356,7 @@ def thermal_problem(
     std: Float[Array, " n"],
     terms: tuple[Effect, ...],
 ) -> Problem:
-    """The equations of one triad with terms; without any those of `Accelerometer`."""
+    """The equations of one triad with some terms, or with none."""
     floor = _FLOOR * np.abs(poses).max()
     noise = np.broadcast_to(np.maximum(std, floor)[:, None], poses.shape)
     triad = ThermalTriad(
@@ -369,7 +369,7 @@ def _fitted(
     poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: Model, g: float,
     std: Float[Array, " n"], start: Float[Array, "9"], terms: tuple[Effect, ...],
 ) -> ThermalFit | None:  # fmt: skip
-    # None where the terms cannot be told from the parameters
+    # None where terms and parameters cannot be separated
     problem = thermal_problem(poses[None], powers, model, g, std, terms)
     first = np.concatenate([start, np.zeros(3 * len(terms))])
     found = minimize(problem, first[None], _STEPS)

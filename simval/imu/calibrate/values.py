@@ -1,4 +1,4 @@
-"""The numbers of each sensor's calibration, as an account states them.
+"""The numbers of each sensor's calibration, as its account states them.
 
 Parameters stand as entries of T, K and B of the accelerometer and of M and B of the
 others; a person reads misalignment in milliradians, errors of scale in parts per
@@ -52,7 +52,7 @@ def how_good(
     *,
     force: bool = True,
 ) -> Reply:
-    """How sure a calibration by a vector of constant length is, and what by.
+    """Answer how accurate a calibration is, and what limits it.
 
     The vector is gravity, or not a `force`: then a bias has no size as one.
     """
@@ -88,7 +88,7 @@ def how_good(
 
 
 def matrix_note(fit: Any, *, force: bool = True) -> Note:
-    """T, or K where T is the identity, as it stands."""
+    """The matrix T (K where T is the identity), printed as it stands."""
     name, matrix = ("K", fit.K) if fit.model == "symmetric" else ("T", fit.T)
     product = f"{'' if name == 'K' else 'T diag'}{name if name == 'K' else '(K)'}"
     rows = ["  ".join(f"{entry:15.8g}" for entry in row) for row in matrix]
@@ -120,7 +120,7 @@ def gyroscope_values(
 def magnetometer_values(
     fit: Any, facts: tuple[Fact, ...] = (), answered: tuple[str, ...] = ()
 ) -> Values:
-    """M, hard iron b and the dip of a magnetometer, and what is wrong with them.
+    """M, hard iron b and the dip of a magnetometer, with warnings.
 
     Findings of a kind that an answer has said are not notable here.
     """
@@ -155,7 +155,7 @@ def chi_square(fit: Any) -> Fact:
 
 
 def status(fit: Any) -> Fact:
-    """How the solver ended; notable where it did not converge."""
+    """Say how the solver ended; notable if it did not converge."""
     words = f"{fit.status} after {counted(int(fit.iterations), 'iteration')}"
     return Fact("status", words, notable=str(fit.status) != "converged")
 
@@ -182,7 +182,7 @@ def accelerometer_account(fit: Any) -> Account:
 
 
 def noise_facts(noise: Any) -> tuple[Fact, ...]:
-    """What the residuals of a joint fit say of each sensor; notable of a misfit."""
+    """What the residuals of a joint fit say of each sensor; a misfit is notable."""
     if noise.least_determined is None:
         return ()
     return (
@@ -227,7 +227,7 @@ def _of_rows(fit: Any, values: tuple[Values, ...]) -> Account:
 
 
 def rate_unit(M: Float[Array, "3 3"]) -> tuple[float | None, str]:
-    """Unit of a gyroscope's readings by their scale, rad/s, and what there is to say.
+    """Unit of a gyroscope's readings, judged by their scale, and a remark.
 
     None of counts, which come near the others.
     """

@@ -1,4 +1,4 @@
-"""One way to judge what is wrong with the rests of a sensor.
+"""Judgement of the rests of a sensor: whether something is wrong, and what.
 
     `explanation`   what may be wrong, as data: its sentence, its remedy
     `catalogue`     what is tried on a log

@@ -1,4 +1,4 @@
-"""Explanations that are tried on a log; a new one is a few lines here.
+"""The explanations that are tried on a log; a new one takes a few lines here.
 
 Changes of a cable, a driver or a range are maps of the readings since a rest, a
 counter's laps a map of those beyond a gap. What a sensor does by itself are columns,
@@ -42,14 +42,14 @@ _ALIKE, _ALL = ("", np.ones((3, 1))), (AXES, np.eye(3))
 
 
 def explanations(rests: RestMeans) -> Iterator[Explanation]:
-    """All that is tried on a log by itself."""
+    """Everything that is tried on the rests of a log."""
     yield from maps(rests)
     yield from laps(rests)
     yield from effects(rests)
 
 
 def maps(rests: RestMeans) -> Iterator[Explanation]:
-    """Signs, exchanges and factors, since each rest but the first."""
+    """Wrong signs, exchanged axes and wrong factors, from any rest but the first."""
     n, eye = len(rests.readings), np.eye(3)
     every: list[tuple[Kind, str, float, Array]] = []
     for signs in product((1.0, -1.0), repeat=3):
@@ -76,7 +76,7 @@ def maps(rests: RestMeans) -> Iterator[Explanation]:
 
 
 def laps(rests: RestMeans) -> Iterator[Explanation]:
-    """Readings above a gap that belong below all others, on one axis or several."""
+    """Readings above a gap that a counter should have put below all others."""
     y, gaps = rests.readings, []
     for a in range(3):
         order, span = np.argsort(y[:, a]), float(np.ptp(y[:, a]))
@@ -94,7 +94,7 @@ def laps(rests: RestMeans) -> Iterator[Explanation]:
 
 
 def wrapped(rests: RestMeans, turns: Float[Array, "n 3"], lap: float) -> Explanation:
-    """Readings that are so many laps of a counter too high, a lap known to 5 %."""
+    """Readings that are too high by so many laps of a counter, known to 5 %."""
     axes = "".join(a for a, moved in zip(AXES, turns.T, strict=True) if moved.any())
     columns = np.zeros((len(turns), ROWS, 1))
     columns[:, BIAS:SCALE, 0] = turns
@@ -106,7 +106,7 @@ def wrapped(rests: RestMeans, turns: Float[Array, "n 3"], lap: float) -> Explana
 
 
 def effects(rests: RestMeans) -> Iterator[Explanation]:
-    """Steps, drifts, bends and noise of a sensor, and rests that are off."""
+    """Steps, drifts, bends, extra noise, and single rests that are off."""
     y, n = rests.readings - rests.zero, len(rests.readings)
     radius = radius_of(y)
     biases, scales = [*_SINGLES, _ALL], [*_SINGLES, _ALIKE]
@@ -133,7 +133,7 @@ def effects(rests: RestMeans) -> Iterator[Explanation]:
 
 
 def in_temperature(rests: RestMeans) -> Iterator[Explanation]:
-    """Bias and scale that follow the temperature or its square, by axis and for all."""
+    """Bias and scale that follow temperature or its square, by axis and together."""
     radius, axes = radius_of(rests.readings - rests.zero), [*_SINGLES, _ALL]
     for power, course in _powers(rests.temperature):
         yield from _courses(
@@ -145,12 +145,12 @@ def in_temperature(rests: RestMeans) -> Iterator[Explanation]:
 
 
 def plain(rests: RestMeans) -> Explanation:
-    """Nothing but the ellipsoid."""
+    """Nothing wrong: the ellipsoid alone."""
     return explanation(rests, "noise", size=1.0)
 
 
 def off(rests: RestMeans, some: tuple[int, ...]) -> Explanation:
-    """Some rests that are off, each by its own distance."""
+    """Some rests that are off, each by a distance of its own."""
     columns = np.zeros((len(rests.readings), ROWS, len(some)))
     columns[some, LENGTH, range(len(some))] = 1.0
     return explanation(rests, "rest off", rests=some, columns=columns, sd=OFF)
@@ -203,7 +203,7 @@ def explanation(
     columns: Array | None = None,
     sd: float = 1.0,
 ) -> Explanation:
-    """One explanation of some rests: what is not given does not change."""
+    """Make an explanation of some rests; what is not given changes nothing."""
     n = len(of.readings)
     columns = np.empty((n, ROWS, 0)) if columns is None else columns
     even = np.ones(n)
@@ -216,5 +216,5 @@ def explanation(
 
 
 def radius_of(z: Float[Array, "n 3"]) -> float:
-    """Root mean square of readings about a zero: gravity in their unit, about."""
+    """Root mean square length of readings about a zero: gravity, roughly."""
     return float(np.sqrt(np.mean(np.sum(z**2, axis=1)))) or 1.0

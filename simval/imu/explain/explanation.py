@@ -104,7 +104,7 @@ ACCOUNTS: Final[Mapping[Kind, _Account]] = MappingProxyType({
 
 
 class Remedy(NamedTuple):
-    """Step that mends a log, for a program to carry out.
+    """A step that mends a log, which a program can carry out.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Remedy(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RestMeans(ReadOnly):
-    """Mean readings of a sensor in its rests, and how far they are known.
+    """Mean readings of a sensor in its rests, with their covariance.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class RestMeans(ReadOnly):
         freedom: float | Float[Array, " n"] = np.inf,
         zero: float | Float[Array, " 3"] = 0.0,
     ) -> "RestMeans":
-        """Check the arrays of a log and keep them.
+        """Check the arrays of a log's rests and make them a value.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ def _whole(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explanation(ReadOnly):
-    """One thing that may be wrong with the rests of a sensor.
+    """Something that may be wrong with the rests of a sensor.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ class Explanation(ReadOnly):
 
     @property
     def parts(self) -> "tuple[Explanation, ...]":
-        """All that is wrong at the same time, first what was found first."""
+        """The things that are wrong together, in the order in which they were found."""
         return (*(self.beside.parts if self.beside else ()), self)
 
     @property
@@ -289,13 +289,13 @@ class Explanation(ReadOnly):
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
-        """Step for each part, in order."""
+        """A step that mends each part, in order."""
         return tuple(
             Remedy(ACCOUNTS[p.kind].action, p.axes, p.rests, p.size) for p in self.parts
         )
 
     def also(self, other: "Explanation") -> "Explanation":
-        """Put another thing beside this one, which was found in its readings.
+        """Combine this explanation with another one that was found in its readings.
 
         Parameters
         ----------
@@ -314,7 +314,7 @@ class Explanation(ReadOnly):
         )  # fmt: skip
 
     def sentence(self, time: Float[Array, " n"] | None) -> str:
-        """Say what is so.
+        """Say what is wrong.
 
         Parameters
         ----------
@@ -336,7 +336,7 @@ class Explanation(ReadOnly):
 
     @property
     def advice(self) -> str:
-        """What to do, in words."""
+        """Say what to do."""
         several = "it" if len(self.rests) == 1 else "them"
         each = (ACCOUNTS[part.kind].do.format(it=several) for part in self.parts)
         return "; ".join(dict.fromkeys(each))

@@ -1,4 +1,4 @@
-r"""The one comparison: whether something is wrong with a log, and which it is.
+r"""The comparison of all explanations: whether something is wrong, and which it is.
 
 Nothing is asked unless the plain ellipsoid misfits by its measured noise, with a chance
 below `CHANCE`. Then every explanation j is held against it by its marginal likelihood
@@ -43,7 +43,7 @@ from simval.imu.explain.catalogue import (
 from simval.imu.explain.explanation import Explanation, Kind, RestMeans
 from simval.imu.explain.likelihood import Fit, along, farthest, fits, zero_of
 from simval.shapes import Float
-from simval.text import chance_words
+from simval.spelling import chance as p_words
 
 CHANCE = 1e-3  # of a misfit, by chance: what is asked at all
 REFUSED, REMARKED = 1000.0, 100.0  # odds
@@ -63,7 +63,7 @@ Answer = Literal["sound", "unknown", "remark", "refusal"]
 
 
 class Finding(NamedTuple):
-    """One cause, with all that is alike it: the same kinds on the same axes.
+    """A cause, with the explanations of the same kinds on the same axes.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Finding(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """What is wrong with the rests of a sensor.
+    """Result of the comparison of explanations for the rests of a sensor.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Judgement(NamedTuple):
 
     @property
     def answer(self) -> Answer:
-        """Sound; beyond the noise, cause unknown; a remark; or a refusal."""
+        """Sound, unexplained scatter, a remark, or a refusal."""
         if self.chance >= CHANCE:
             return "sound"
         if self.odds < np.log(REMARKED):
@@ -111,24 +111,24 @@ class Judgement(NamedTuple):
 
     @property
     def names(self) -> bool:
-        """True if a cause is named, as a remark or a refusal."""
+        """True if a cause is named, in a remark or a refusal."""
         return self.answer in ("remark", "refusal")
 
     @property
     def accuses(self) -> bool:
-        """True if the sensor or its readings are refused, and no rest may be why."""
+        """True if sensor or readings are refused, and no single rest can be why."""
         innocent = any(f.explanation.kinds <= INNOCENT for f in self.candidates)
         return self.answer == "refusal" and not innocent
 
     @property
     def candidates(self) -> tuple[Finding, ...]:
-        """Fewest causes that make up the posterior share to be named."""
+        """The fewest causes whose posterior shares together suffice to name them."""
         covered = np.cumsum([finding.share for finding in self.findings])
         return self.findings[: int(np.searchsorted(covered, NAMED)) + 1]
 
     @property
     def off(self) -> tuple[int, ...]:
-        """Rests that the likeliest cause leaves out, of a remark or a refusal."""
+        """Rests that the likeliest cause leaves out, if a cause is named."""
         if not self.names:
             return ()
         parts = self.findings[0].explanation.parts
@@ -154,7 +154,7 @@ class Judgement(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """Say what to do; nothing where no cause is named."""
+        """Say what to do; nothing if no cause is named."""
         if not self.names:
             return ""
         each = (found.explanation.advice for found in self.candidates)
@@ -186,7 +186,7 @@ class Judgement(NamedTuple):
         return f"{so}{apart}"
 
     def runners_up(self, time: Float[Array, " n"] | None) -> list[str]:
-        """List what was tried, the likeliest first, with its odds against nothing.
+        """List the explanations tried, the likeliest first, with their odds.
 
         Parameters
         ----------
@@ -199,8 +199,8 @@ class Judgement(NamedTuple):
             Lines: one of the misfit, and one of each cause.
         """
         misfit = (
-            f"the rests scatter {self.misfit:.2g} times their noise (chance "
-            f"{chance_words(self.chance)})"
+            f"the rests scatter {self.misfit:.2g} times their noise "
+            f"({p_words(self.chance)})"
         )
         if not self.findings:
             return [f"{misfit}: nothing was tried"]
@@ -254,7 +254,7 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
 
 
 class Temperature(NamedTuple):
-    """What readings owe to temperature.
+    """Dependence of the readings on temperature.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class Temperature(NamedTuple):
 def temperature_effect(
     rests: RestMeans, most: int, besides: frozenset[Kind] = frozenset()
 ) -> Temperature:
-    """Choose what readings owe to temperature, by the same odds as all else.
+    """Choose the temperature terms by the same odds as every other explanation.
 
     Bias and scale, each linear before it is square, are added while their odds beside
     those that are there pass `KEPT`.
@@ -406,7 +406,7 @@ def _weight(entry: _Entry) -> float:
 
 
 def _leaders(entries: Sequence[_Entry]) -> list[_Entry]:
-    # the best of each kind and axes; more noise beside another thing explains anything
+    # the best of each kind and axes; with more noise anything would be explained
     best: dict[object, _Entry] = {}
     for entry in sorted(entries, key=_weight):
         cause = _cause(entry.explanation)

@@ -1,4 +1,4 @@
-r"""How well an explanation fits: one marginal likelihood, at any rank.
+r"""How well an explanation fits: one marginal likelihood for parameters of any rank.
 
 The noise of a rest that is felt is that along the vector. With b the bias and A the
 upper triangle of an ellipsoid, rest i is off along the ray from b by
@@ -69,7 +69,7 @@ _DIAGONAL = [0, 3, 5]
 
 
 class Fit(NamedTuple):
-    """An explanation, fitted.
+    """An explanation after it has been fitted.
 
     Attributes
     ----------
@@ -98,11 +98,11 @@ class Fit(NamedTuple):
 
     @property
     def misfit(self) -> float:
-        """Times the measured noise that is left."""
+        """Scatter of the residuals in multiples of the measured noise."""
         return float(np.sqrt(self.squares.sum() / max(self.free, 0.05)))
 
     def chance(self, freedom: Float[Array, " n"]) -> float:
-        r"""Chance of residuals as great by the measured noise.
+        r"""Chance of residuals as large, given the measured noise.
 
         A residual over a noise of d degrees of freedom is Student's; Wallace's
         transformation, :math:`d \ln(1 + e^2/d)` times a constant, makes it normal
@@ -117,7 +117,7 @@ class Fit(NamedTuple):
 
 
 def along(rests: RestMeans, fit: Fit | None = None) -> Float[Array, " n"]:
-    """Noise of each mean that its length feels, in the unit of the readings.
+    """Noise of each mean along the direction that its length depends on.
 
     It is that along the slope of (J1): across the ellipsoid of a fit of nothing but it,
     without one across the nearest sphere. Of a poor part these are 0.1 rad apart, where
@@ -149,7 +149,7 @@ def _centre(z: Float[Array, "n 3"]) -> Float[Array, "3"]:
 
 
 def zero_of(rests: RestMeans, y: Float[Array, "n 3"]) -> Float[Array, "3"]:
-    """Zero of readings: the centre of those that are a sphere far from the given one.
+    """Zero of the readings: the centre of a sphere if they lie on one, else as given.
 
     Such are counts of a converter whose zero is not known.
     """
@@ -181,7 +181,7 @@ def fits(
     noise: Float[Array, " n"],
     start: Fit | None = None,
 ) -> list[Fit]:
-    """Fit explanations, those with as many columns side by side.
+    """Fit several explanations, those with equally many columns at once.
 
     From a `start`, whose columns stand before an explanation's own, where these leave
     the readings as they are; those that stay far worse than it are not fitted to the
@@ -226,7 +226,7 @@ def _fits(
 def farthest(
     rests: RestMeans, noise: Float[Array, " n"], fit: Fit
 ) -> list[tuple[int, ...]]:
-    """Sets of up to three rests that lower the squares of a plain fit most.
+    """Sets of up to three rests whose removal improves a plain fit most.
 
     By the algebra of its linear form: freeing the set S takes
     :math:`e_S^T (I - H)_{SS}^{-1} e_S` off them.

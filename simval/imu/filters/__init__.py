@@ -1,4 +1,4 @@
-"""Attitude filters of simval, a reference for others; theory imports none of them."""
+"""Attitude filter of simval, a reference for others; no theory imports it."""
 
 from simval.imu.filters.mekf import Mekf
 

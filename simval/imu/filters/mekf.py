@@ -225,7 +225,7 @@ class Mekf:
         return dict(zip(WORDS, parts, strict=True))
 
     def _told(self, some: tuple[int, ...]) -> Float[Array, " k"]:
-        """Settings of the compiled form for rows with these vectors."""
+        """Settings that the compiled form needs for rows with these vectors."""
         if some not in self._settings:
             picked = self.references[[*some]], self.R.reshape(-1, 3)[[*some]]
             self._settings[some] = np.concatenate(
@@ -235,7 +235,7 @@ class Mekf:
 
     @contextmanager
     def _unless_refused(self) -> Iterator[None]:
-        """Leave the state as it was where rows are refused."""
+        """Restore the state if the rows inside are refused."""
         before = self.q, self.b, self.P, self.before
         try:
             yield
@@ -305,7 +305,7 @@ class Mekf:
 def _require_noise(
     some: Any, noise: Float[Array, " m"], variances: Float[Array, "... m"]
 ) -> None:
-    # of the innovations, beside which the noise of a reading must be seen
+    # share of the innovations at which the noise of a reading still matters
     seen = variances <= noise / LOST  # False for NaN
     if not seen.all():
         k = int(np.argmin(seen.reshape(-1, len(noise)).all(axis=0)))
@@ -320,13 +320,13 @@ def _require_noise(
 
 
 def compiled() -> bool:
-    """True if the compiled form is used; numbers depend on it by rounding alone."""
+    """True if the compiled form is used, whose numbers differ by rounding alone."""
     return _compiled() is not None
 
 
 @cache
 def _compiled() -> Any:
-    """Import the compiled form, if there is one and it has the NumPy form's numbers."""
+    """Import the compiled form, if there is one and it gives the same numbers."""
     try:
         code = import_module("_simval_mekf")
     except ImportError:  # a wheel that was built without a compiler
@@ -343,7 +343,7 @@ def _compiled() -> Any:
 
 
 def reproduces(code: Any) -> bool:
-    """True if a compiled form gives the NumPy form's answers, to rounding."""
+    """True if a compiled form gives the answers of the NumPy form, to rounding."""
     rng = np.random.default_rng(1)
     start, rows = rng.standard_normal((3, 4)), rng.standard_normal((3, 8, 3, 3))
     start /= np.linalg.norm(start, axis=-1, keepdims=True)

@@ -11,7 +11,7 @@ from simval.shapes import Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Told:
-    """Settings given to a filter, true or not: noise, gravity, field and start."""
+    """Settings that a filter is given, true or not: noise, gravity, field, start."""
 
     gyroscope_noise: float  # angle random walk N, rad/s/sqrt(Hz)
     gyroscope_walk: float  # rate random walk K, rad/s^2/sqrt(Hz)

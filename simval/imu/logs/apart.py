@@ -1,4 +1,4 @@
-"""Reading in a process of its own, with limits of time and memory.
+"""Read a log in a separate process with limits on its time and memory.
 
 A library that reads binary files may end the interpreter, never end, or take all memory
 where a file is damaged, and a log is what a user was sent. So each is imported in a
@@ -30,7 +30,7 @@ EXTRAS = {"pyarrow": "parquet"}  # of a package; of the others, logs
 
 
 def read_apart(module: str, source: Source, kind: str) -> Any:
-    """Return what ``parsed`` of a module of this folder makes of a log."""
+    """Call the function ``parsed`` of a reader's module in a separate process."""
     seconds = SECONDS + source.size / MEBIBYTE
     memory = MEMORY + TIMES * source.size
     program = "from simval.imu.logs.apart import send; send()"
@@ -79,7 +79,7 @@ def _on_disk(source: Source) -> "Iterator[str]":
 
 
 def send() -> None:
-    """Parse the file of the command line, and write what it holds to the output.
+    """In the separate process: parse the file and write its contents to the output.
 
     Raises what the reader raises; the parent process looks at the exit code.
     """

@@ -56,20 +56,20 @@ _QUANTITIES: Final = {  # of each message: field, the first double, components, 
 
 
 def sniff(source: Source) -> bool:
-    """Return whether it is a bag."""
+    """Return whether a log is a ROS bag."""
     if source.is_folder:
         return "metadata.yaml" in source.members
     return source.start.startswith(tuple(_KINDS))
 
 
 def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
-    """Tables of the topics with an accelerometer."""
+    """Tables of the topics that have an accelerometer."""
     _, *bag = _parsed_apart(source)
     return candidates(source.path, *bag)
 
 
 def poses(source: Source) -> dict[str, ArrayTable]:
-    """Tables of the topics with poses, on the clock of those of `read`."""
+    """Tables of the topics that have poses, on the clock of `read`."""
     streams, *_ = _parsed_apart(source)
     return {each.name: joined(source.path, [each]) for each in streams}
 
@@ -82,7 +82,7 @@ def _parsed_apart(source: Source) -> Any:
 def parsed(
     path: str,
 ) -> tuple[list[Stream], list[Stream], str, list[tuple[str, str]]]:
-    """Poses and readings of a bag's topics, what it holds, and what it lacks."""
+    """Poses and readings of a bag's topics, with remarks on what it holds and lacks."""
     first, reader = _reader(Path(path))
     reader.open()
     topics = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})

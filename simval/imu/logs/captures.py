@@ -1,4 +1,4 @@
-"""Text that a terminal or a tool printed: rows with more, or less, than their numbers.
+"""Text captured from a terminal or a tool: rows with more or fewer words than numbers.
 
 A terminal puts the time of day before an arrow, ``12:01:02.345 -> 1,2,3``, or into
 brackets; a sketch for a plotter labels each number, ``ax:1,ay:2``, as JSON does. ``ros2
@@ -38,14 +38,14 @@ LOST: Final = ("A message was lost!!!", "total count change:", "total count: ")
 
 
 def sampled(lines: list[Numbered]) -> list[Numbered]:
-    """Some of the lines, spread evenly but in no step that sensors may have, too."""
+    """A sample of the lines, spread evenly without a regular step."""
     golden = np.arange(SAMPLE) * 0.6180339887498949 % 1.0
     picked = np.unique((golden * len(lines)).astype(int))
     return [lines[k] for k in picked] if lines else []
 
 
 def arrivals(lines: list[Numbered]) -> tuple[list[Numbered], dict[int, str]]:
-    """Take the time of day off each line, by the line's number; none if few have one.
+    """Take a time of day off the front of each line, if most lines have one.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def arrivals(lines: list[Numbered]) -> tuple[list[Numbered], dict[int, str]]:
 def unlabelled(
     lines: list[Numbered],
 ) -> tuple[list[Numbered], tuple[str, ...] | None]:
-    """Make plain rows of lines that label each number, and their names.
+    """Turn lines that label each number into plain rows and names.
 
     A line with other labels stays as it is, and is no row.
     """
@@ -88,7 +88,7 @@ def unlabelled(
 
 
 def is_echo(fields: list[str]) -> bool:
-    """Return whether a row is a message of ``sensor_msgs/msg/Imu``."""
+    """Return whether a row is an echoed message of ``sensor_msgs/msg/Imu``."""
     if len(fields) != len(ECHOED) or not all(f.isdecimal() for f in fields[:2]):
         return False
     numbers = fields[3:]

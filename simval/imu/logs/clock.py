@@ -51,7 +51,7 @@ def read_clock(
     rate: float | None,
     rows: Bool[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[Array, " n"], float, float, tuple[tuple[str, str], ...]]:
-    """Times of a log's rows, their rate, the unit of the clock, and what to say.
+    """Times of a log's rows, their rate, the unit of the clock, and remarks.
 
     Order, rate and unit are judged by some of the rows where not all have readings.
     """
@@ -86,7 +86,7 @@ def read_clock(
 
 
 def stated_rate(table: Table, rate: float | None, of: str = "") -> float:
-    """Rate that the caller states, or else the file; `of` is for the options' names.
+    """Rate that the caller states, or else the file's.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def times_of(
     rows: Bool[np.ndarray, " n"] | None = None,
     of: str = "",
 ) -> tuple[Float[Array, " n"], float, list[tuple[str, str]]]:
-    """Times in seconds, the unit of the clock, s, and what was done to it.
+    """Times in seconds, the length of the clock's unit in s, and remarks.
 
     Without a clock, or one in words, by the rate: the unit is then 0.
     """
@@ -171,12 +171,12 @@ def _continued(
 
 
 def dates_from_1970(first: float, last: float) -> bool:
-    """Return whether seconds are dates of this century, counted from 1970."""
+    """Return whether numbers are dates of this century in seconds since 1970."""
     return _EPOCH[0] <= first and last <= _EPOCH[1]
 
 
 def instants_of(known: list[str], word: str) -> tuple[float, bool] | None:
-    """Seconds of a word on the clock of a log, and whether it says the date, too.
+    """Read a time on a log's clock, and whether it includes the date.
 
     `known` are the first and the last time of the log: a date counts from the first, a
     time of day from midnight, and seconds from 1970 from then. What the word lacks of

@@ -1,4 +1,4 @@
-"""Role of each column of a log: by the caller, the header or the number of columns."""
+"""Role of each column of a log: as stated, by the header, or by their number."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -76,7 +76,7 @@ WIDEST = 60  # columns for which a message writes a whole `--columns`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """One column that is taken.
+    """A column that is used, and what it is used for.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ def chosen(
     *,
     alone: Collection[Measurand] = (),
 ) -> tuple[Column, ...]:
-    """Choose the columns of a log, where it has several sensors those of one.
+    """Choose the columns of a log; of several sensors, those of one.
 
     They need not be an accelerometer's if a sensor may be `alone`.
     """
@@ -243,7 +243,7 @@ def _is_first(own: _GravityNames, other: _GravityNames) -> bool:
 def _examples(
     table: Table, places: list[int], most: int = 1, clock: Sequence[int] = ()
 ) -> str:
-    """Names for `--columns` by the readings, the likeliest first.
+    """Example for `--columns`, guessed from the readings.
 
     A clock grows from row to row, and a counter by one; three columns beside each other
     read gravity, and of six the others are the gyroscope's.
@@ -278,7 +278,7 @@ def _examples(
 
 
 def are_means(force: Float[Array, "n 3"]) -> bool:
-    """Return whether readings look like means of poses: gravity, elsewhere in each."""
+    """Return whether readings look like pose means: gravity, turned in each."""
     size = np.linalg.norm(force, axis=1)
     if len(size) < _LEAST_POSES or not np.all(size > 0.5 * np.median(size)):
         return False
@@ -328,7 +328,7 @@ def _are_halves(table: TextTable) -> bool:
 
 
 def template(width: int, taken: Mapping[int, str] | None = None) -> str:
-    """Names for `--columns`, with a hyphen where none is taken."""
+    """Example for `--columns`, with a hyphen for each column that is not used."""
     if width > WIDEST:
         return f"... ({width} names)"
     roles = taken or dict(enumerate(NAMES[:4] if width > 3 else NAMES[1:4]))
@@ -338,7 +338,7 @@ def template(width: int, taken: Mapping[int, str] | None = None) -> str:
 def given(
     table: Table, columns: str | Sequence[str], option: str, known: Sequence[str]
 ) -> list[tuple[str, str]]:
-    """Role and unit that the caller gives to each column; none if one is not known."""
+    """Role and unit that the caller states for each column; none if one is unknown."""
     listed = columns.split(",") if isinstance(columns, str) else columns
     names = [str(name).strip() for name in listed]
     if len(names) == len(filled := _filled(table)):
@@ -380,8 +380,11 @@ def _given(
     complete = {*parts.values()} <= {0, 3} and any(parts[x] for x in ("force", *alone))
     if not (complete and len(set(used)) == len(used)):
         names = columns if isinstance(columns, str) else ",".join(map(str, columns))
+        roles = [name.partition("[")[0].strip() for name in names.split(",")]
+        unknown = [name for name in roles if name not in {*NAMES, SKIP}]
+        which = f", and {', '.join(unknown)} is none of its names" if unknown else ""
         msg = (
-            f"`columns` is {names}; each of ax, ay, az is needed once, t "
+            f"`columns` is {names}{which}; each of ax, ay, az is needed once, t "
             "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
             "all or none, mx, my, mz all or none, temp (temp[K], temp[degF]) once at "
             "most, and - marks a column to ignore"
@@ -397,7 +400,7 @@ def _given(
 
 
 def channels_of(table: Table) -> list[Channel]:
-    """Meaning of each name of a header; nothing without one."""
+    """Meaning of each name in a header; empty without a header."""
     return [channel(name) for name in table.names or ()]
 
 
@@ -441,7 +444,7 @@ def _by_header(
 
 
 def several(table: Table, picked: Sequence[Column]) -> tuple[Remark, ...]:
-    """Say which sensors a header names of which none is taken, and why."""
+    """Say which sensors in the header are not used, and why."""
     names, channels = table.names or (), channels_of(table)
     taken = {each.role for each in picked}
     said = []
@@ -463,7 +466,7 @@ def several(table: Table, picked: Sequence[Column]) -> tuple[Remark, ...]:
 
 
 def temperatures(table: Table) -> list[int]:
-    """Places of the temperatures: of the accelerometer where it has one of its own."""
+    """Places of the temperature columns; the accelerometer's own come first."""
     channels = channels_of(table)
     warm = [k for k, each in enumerate(channels) if each.kind == "temperature"]
     own = [k for k in warm if "acc" in channels[k].stem]
@@ -471,7 +474,7 @@ def temperatures(table: Table) -> list[int]:
 
 
 def triples(table: Table, kind: Measurand) -> dict[Triple, str]:
-    """Places of x, y, z of each sensor of a kind, all in one unit, and its words."""
+    """Places of x, y, z of each sensor of one kind, and the words of its names."""
     channels = channels_of(table)
     groups: dict[str, dict[str, list[int]]] = {}
     for place, each in enumerate(channels):
@@ -489,7 +492,7 @@ def triples(table: Table, kind: Measurand) -> dict[Triple, str]:
 
 
 def sign_of(table: Table, force: Float[Array, "n 3"]) -> list[tuple[str, str]]:
-    """Say where a phone's accelerometer reads minus the specific force.
+    """Say whether a phone's accelerometer reads minus the specific force.
 
     An iPhone's is known by SensorLog's names, or in Sensor Logger by its unit g.
     """
@@ -507,7 +510,7 @@ def sign_of(table: Table, force: Float[Array, "n 3"]) -> list[tuple[str, str]]:
 
 
 def clock_of(table: Table) -> Column | None:
-    """Return the clock that a header names.
+    """Return the clock column that a header names.
 
     One that runs from row to row comes before a date or a whole second, numbers before
     text, the sensor's own before that of what received it, the accelerometer's before
@@ -535,7 +538,7 @@ def clock_of(table: Table) -> Column | None:
 
 
 def clock_between(table: Table, place: int, others: Collection[int]) -> Column | None:
-    """A sensor's own clock, beside another sensor with its own; None for none.
+    """A sensor's own clock, where each of several sensors has one; else None.
 
     It stands before the sensor's columns and behind those of another.
     """

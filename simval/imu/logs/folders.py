@@ -174,7 +174,7 @@ def _unit(name: str, usual: str) -> str:
 
 
 def truth_of(source: Source) -> TextTable | None:
-    """Return the table of a data set's recorded attitudes."""
+    """Return the table of true attitudes that comes with a data set."""
     tables = members(source)
     for pattern in _TRUTHS:
         found = [each for name, each in tables.items() if pattern.fullmatch(name)]
@@ -188,7 +188,7 @@ def truth_of(source: Source) -> TextTable | None:
 
 
 def members(source: Source) -> dict[str, Source]:
-    """Tables in a folder or an archive, by their names in it."""
+    """Tables in a folder or an archive, by their names."""
     every = source.members if source.is_folder else _zipped(source)
     if "[Content_Types].xml" in every:
         msg = f"{source.path} is not a text file but a spreadsheet; save it as CSV"

@@ -1,4 +1,4 @@
-"""Sensors that were read at times of their own, brought to the rows of one table.
+"""Sensors that were read at different times, brought to the rows of one table.
 
 Each row has the stamp of the accelerometer's or the gyroscope's reading, of the slower
 of the two, and of every other sensor the reading whose stamp is nearest, as it was
@@ -31,7 +31,7 @@ COVERED = 0.9  # of the rows; a sensor with readings for fewer is left out
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stream:
-    """Readings with one clock: a topic, a table, or a file of a sensor.
+    """Readings on one clock: a topic, a table, or a sensor's file.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Stream:
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else np.inf
 
     def has(self, kind: Measurand) -> bool:
-        """Return whether a column is an axis of this quantity."""
+        """Return whether a column is an axis of a quantity."""
         known = (channel(name) for name in self.columns)
         return any(each.kind == kind and each.axis for each in known)
 
@@ -69,7 +69,7 @@ class Stream:
 def columns_of(
     message: Mapping[str, Array], names: Mapping[str, str], there: np.ndarray
 ) -> dict[str, Array]:
-    """Columns by their names, of the fields and rows that are there.
+    """Columns by name, from a message's fields at the rows that are there.
 
     A temperature that is zero in every row was not measured.
     """
@@ -91,7 +91,7 @@ def candidates(
     holds: str,
     said: Sequence[tuple[str, str]] = (),
 ) -> dict[str, Callable[[], ArrayTable]]:
-    """Tables of each accelerometer, joined to what was recorded beside it.
+    """Tables of each accelerometer, joined with the sensors recorded beside it.
 
     A gyroscope or a magnetometer with a stream of its own is that of the same group if
     there is one, or else the only one that is not another accelerometer's. Where it is

@@ -103,7 +103,7 @@ class Log(ReadOnly):
         return int(np.searchsorted(self.time, end, side="right"))
 
     def span(self, rows: Iterable[int]) -> str:
-        """Times of the first and the last of some rows, in words.
+        """Say the time of the first and the last of some rows.
 
         Parameters
         ----------
@@ -120,11 +120,11 @@ class Log(ReadOnly):
 
     @property
     def has_force(self) -> bool:
-        """Whether there is an accelerometer, and not another sensor alone."""
+        """Whether the log has an accelerometer, and not only another sensor."""
         return not np.isnan(self.accelerometer[0, 0])
 
     def parts(self, most: float = GAP) -> list[slice]:
-        """Rows between its holes.
+        """Parts of the log between the holes in its clock.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Log(ReadOnly):
         return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
     def within(self, rows: slice, why: str) -> "Log":
-        """Take some of its rows.
+        """Return the log with some of its rows, and a remark why.
 
         Parameters
         ----------
@@ -170,13 +170,13 @@ class Log(ReadOnly):
 
     @property
     def said(self) -> str:
-        """How many rows there are, in which time and at what rate."""
+        """Say how many rows there are, over which time and at what rate."""
         seconds = float(self.time[-1] - self.time[0])
         rows = f"{len(self.time)} rows in {seconds:.2f} s"
         return f"{rows}, {self.rate:.6g} Hz{self._lost()}"
 
     def facts(self) -> tuple[Fact, ...]:
-        """State which columns were taken, what was left out, and how the clock runs.
+        """State which columns are used, what was left out, and how the clock runs.
 
         Returns
         -------
@@ -196,7 +196,7 @@ class Log(ReadOnly):
         )
 
     def described(self) -> list[str]:
-        """Say the same in lines.
+        """The same facts as lines of text.
 
         Returns
         -------
@@ -232,7 +232,7 @@ class Log(ReadOnly):
         return _lines([self.units()])[0]
 
     def units(self) -> Fact:
-        """State which unit the header has for each sensor.
+        """State the unit that the header gives each sensor.
 
         Returns
         -------
@@ -511,7 +511,7 @@ def _joined(
 
 
 def require_no_means(path: str, force: Float[Array, "n 3"]) -> None:
-    """Raise InputError for rows that look like means of poses, and no log."""
+    """Refuse rows that look like pose means instead of a log."""
     if are_means(force[~np.isnan(force[:, 0])]):
         msg = (
             f"{path}: its {len(force)} rows read gravity in as many directions, "

@@ -1,4 +1,4 @@
-"""Quantity, axis and unit of a column by its name.
+"""Quantity, axis and unit of a column, from its name.
 
 A name is split into words (at signs, blanks and capitals) and a unit (in brackets, or
 the last words). The words say the quantity and the axis; the unit may say the quantity
@@ -126,7 +126,7 @@ _ROS = re.compile(r"((?:.*[./])?linear_acceleration[./])([xyz])(?: \[(.*)\])?")
 
 
 class Channel(NamedTuple):
-    """Contents of one column, according to its name."""
+    """Meaning of a column, from its name."""
 
     # ``force`` for an accelerometer, ``no gravity`` for an acceleration without it,
     # ``bare`` for an axis and no quantity
@@ -139,14 +139,14 @@ class Channel(NamedTuple):
 
 
 def instance(stem: str) -> str:
-    """Words of a sensor's columns that name no quantity: ``imu0`` of ``imu0_gyro_``."""
+    """Part of a column's name that tells sensors apart: imu0 of ``imu0_gyro_``."""
     words = re.split(r"[^a-z0-9μ°]+", stem.lower())
     quantities = _WORDLESS.union(_LETTERS, *_WORDS.values())
     return "_".join(word for word in words if word and word not in quantities)
 
 
 def beside(own: str, words: Mapping[T, str], others: Container[str]) -> list[T]:
-    """Sensors, each with its words, that may belong to the one whose words are `own`.
+    """Sensors that may belong to the one whose distinguishing words are `own`.
 
     The one with the same words, else those without the words of `others`.
     """
@@ -156,14 +156,14 @@ def beside(own: str, words: Mapping[T, str], others: Container[str]) -> list[T]:
 
 
 def listed(words: Iterable[str], most: int) -> str:
-    """Join the first words, and say how many more there are."""
+    """Join the first few words, and say how many more there are."""
     every = list(words)
     more = f" and {len(every) - most} more" if len(every) > most else ""
     return ", ".join(every[:most]) + more
 
 
 def is_known(name: str) -> bool:
-    """Return whether a name is known, even as that of a column that is not needed."""
+    """Return whether a name is known, even if its column is never used."""
     known = channel(name)
     words = set(known.stem.split())
     return known.kind != "other" or bool(known.axis or words & _OTHER)

@@ -1,4 +1,4 @@
-"""Part of a log, from a start until an end: seconds of its clock, or a time of day.
+"""A part of a log, between two times: seconds of its clock, or times of day.
 
 Seconds are those that the commands print, before and after a part was taken. A time of
 day is in the form in which the log has its own; one without a date is the first that
@@ -25,19 +25,19 @@ _UTC: Final = "1970-01-01 00:00:00Z"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """What is read of a log; without start and stop all."""
+    """The part of a log to read; without start and stop, all of it."""
 
     start: Edge = None
     stop: Edge = None
 
     def __bool__(self) -> bool:
-        """Return whether it is less than all."""
+        """Return whether it is less than the whole log."""
         return (self.start, self.stop) != (None, None)
 
     def of(
         self, table: Table, column: Column | None, rate: float | None
     ) -> tuple[Bool[np.ndarray, " n"], float, tuple[tuple[str, str], ...]]:
-        """Rows of a table, what their own times are early by, s, and what to say.
+        """Mask of the rows in the part, the shift of their clock, s, and remarks.
 
         Raises
         ------

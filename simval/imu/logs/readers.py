@@ -1,4 +1,4 @@
-"""A log as a table: column names and numbers.
+"""The readers of logs: each turns files of one kind into tables.
 
 A reader is a module with two functions: ``sniff(source)`` returns whether a `Source` is
 of its kind, and ``read(source)`` its table (`ArrayTable` where the columns are numbers
@@ -33,13 +33,13 @@ _SHOWN = 20  # names that a message lists
 
 
 class Reader(Protocol):
-    """Reader of the logs of one kind."""
+    """A reader of logs of one kind."""
 
     def sniff(self, source: Source) -> bool:
         """Return whether a log is of this kind."""
 
     def read(self, source: Source) -> Table | Candidates:
-        """Return its table, or what makes each of its tables."""
+        """Return the log's table, or a function for each of several tables."""
 
 
 READERS: Final[tuple[Reader, ...]] = (
@@ -62,7 +62,7 @@ PACKED: Final[dict[bytes, Callable[[], Any]]] = {
 
 
 def read_table(path: str, instance: str | None = None) -> Table:
-    """Read a log by the first reader that takes it, of several sensors the named one.
+    """Read a log with the first reader that accepts it.
 
     A table may have the columns of several: there its header says their names.
     """
@@ -84,7 +84,7 @@ def read_table(path: str, instance: str | None = None) -> Table:
 
 
 def tables_of(source: Source) -> Table | Candidates:
-    """Find the table of a log, or what makes each of its tables."""
+    """Find the table of a log, or a function for each of its tables."""
     for start, unpacker in PACKED.items():
         if source.start.startswith(start):
             inside = partial(unpacked, source, unpacker)
@@ -98,7 +98,7 @@ def tables_of(source: Source) -> Table | Candidates:
 
 
 def unpacked(source: Source, unpacker: Callable[[], Any]) -> bytes:
-    """Content of a compressed file."""
+    """Decompress a file, up to a limit on its size."""
     most = most_unpacked(source.size)
     content, packed, whole = b"", source.content, True
     while packed and whole and len(content) <= most:  # several, one behind another

@@ -1,4 +1,4 @@
-r"""What a row of a gyroscope is of: a mean over a step or an instant, and how late.
+r"""What a gyroscope's row measures: a mean over a step or an instant, and its delay.
 
 A sensor that integrates gives the mean rate over the step that ends at a row's stamp
 (``before``), or that begins there (``after``); a register or a simulator the rate of an
@@ -43,7 +43,7 @@ WORDS: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rows:
-    """What the rows of a gyroscope are of.
+    """What the rows of a gyroscope measure, and when.
 
     Attributes
     ----------
@@ -80,12 +80,12 @@ class Rows:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Words of a command that state them."""
+        """The options of a command that state this."""
         late = ("--gyro-delay", f"{1e3 * self.delay:g}") if self.delay else ()
         return ("--gyro-rows", self.kind, *late)
 
     def centre(self, step: float) -> float:
-        """Middle of what a row is of, less its stamp, s, eq. (R6).
+        """Middle of the time that a row measures, minus its stamp, s, eq. (R6).
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class Rows:
     def in_place(
         self, time: Float[Array, " n"], rates: Float[Array, "n 3"]
     ) -> Float[Array, "n 3"]:
-        """The rows moved by whole ones, to within half a step of where they belong.
+        """Shift the rows by whole steps to within half a step of their true time.
 
         Noise and readings are kept, for what is turned between two rests; a mean over
         the step after becomes the next row's over the step before.
@@ -129,7 +129,7 @@ class Rows:
     def means(
         self, time: Float[Array, " n"], rates: Float[Array, "n 3"]
     ) -> Float[Array, "n 3"]:
-        """Mean rate over the step that ends at each row; NaN where it is not covered.
+        """Mean rate over the step that ends at each row; NaN where unknown.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What a user names as a log: a file, a folder, or a file inside another."""
+"""What a user names as a log: a file, a folder, or a file in an archive."""
 
 import os
 from collections.abc import Callable
@@ -16,24 +16,24 @@ MOST_RATIO = 100  # of bytes and packed bytes; rows of numbers take a third to a
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Source:
-    """A log before it is read."""
+    """A log that has not been read yet."""
 
     path: str  # for messages; of what is inside another, both names
     inside: Callable[[], bytes] | None = None  # content, where it is no file by itself
 
     @cached_property
     def is_folder(self) -> bool:
-        """Whether it is a folder."""
+        """True for a folder."""
         return self.inside is None and os.path.isdir(self.path)
 
     @cached_property
     def content(self) -> bytes:
-        """All bytes of a file; of a folder none."""
+        """All bytes of a file; empty for a folder."""
         return self._file(None) if self.inside is None else self.inside()
 
     @cached_property
     def start(self) -> bytes:
-        """The first bytes of a file; of a folder none."""
+        """The first bytes of a file; empty for a folder."""
         return self._file(START) if self.inside is None else self.content[:START]
 
     def _file(self, first: int | None) -> bytes:
@@ -48,7 +48,7 @@ class Source:
 
     @cached_property
     def size(self) -> int:
-        """Bytes of the file, or of all files of the folder."""
+        """Size of the file, or of all files of the folder, in bytes."""
         if self.inside is not None:
             return len(self.content)
         if not self.is_folder:
@@ -61,7 +61,7 @@ class Source:
 
     @cached_property
     def members(self) -> dict[str, "Source"]:
-        """Files in a folder and its folders, by their names in it, sorted."""
+        """Files in a folder and the folders below it, by relative name, sorted."""
         root, found = Path(self.path), list[str]()
         try:
             for folder, _, files in os.walk(root):
@@ -80,12 +80,12 @@ class Source:
 
 
 def most_unpacked(packed: int) -> int:
-    """Bytes that a log unpacks to at most."""
+    """Largest size to which a log of this size may unpack."""
     return min(MOST_LOG, MOST_RATIO * max(packed, START))
 
 
 def require_moderate(what: str, size: int, packed: int) -> None:
-    """Raise InputError for a file that unpacks to far more than a log of its size."""
+    """Refuse a file that unpacks to far more than a log of its size would."""
     if size > most_unpacked(packed):
         msg = (
             f"{what} unpacks to {size:,} bytes or more, more than {MOST_RATIO} times "

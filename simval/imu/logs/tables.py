@@ -1,4 +1,4 @@
-"""Tables of numbers that are already parsed, as most readers return them."""
+"""Tables of parsed numbers, as most readers return them."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from simval.shapes import Bool, Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArrayTable(ReadOnly):
-    """Table of columns that are numbers already."""
+    """A table whose columns are numbers already."""
 
     path: str  # file they came from
     names: tuple[str, ...] | None  # name of each column
@@ -31,7 +31,7 @@ class ArrayTable(ReadOnly):
         return len(self.values)
 
     def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
-        """Return the columns at these places, NaN where there is none."""
+        """Return the columns at these places, NaN for a missing one."""
         return self.values[:, places]
 
     def texts(self, place: int) -> list[str]:
@@ -39,15 +39,15 @@ class ArrayTable(ReadOnly):
         return [str(value) for value in self.values[:, place]]
 
     def distinct(self, place: int) -> "ArrayTable":
-        """Return the table itself: its rows are what was recorded."""
+        """Return the table itself, as no row was recorded twice."""
         return self
 
     def rows(self, taken: Bool[np.ndarray, " n"]) -> "ArrayTable":
-        """Table of some of its rows."""
+        """Select some of the rows."""
         return self if np.all(taken) else replace(self, values=self.values[taken])
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file."""
+        """Say where a row is in the file."""
         return f"{self.path}, row {row + 1}"
 
     def is_text(self, place: int) -> bool:

@@ -30,7 +30,7 @@ FORMS = "temp[degC], temp[K], temp[degF], or counts as in temp[raw/340+36.53]"
 
 
 def scale_of(unit: str) -> tuple[float, float] | None:
-    """Factor and zero that turn a unit into degrees Celsius; None if it is none."""
+    """Factor and zero that turn a unit into degrees Celsius; None for other units."""
     if unit in DEGREES:
         return DEGREES[unit]
     counts = _COUNTS.fullmatch(unit)
@@ -46,7 +46,7 @@ def scale_of(unit: str) -> tuple[float, float] | None:
 def read_temperature(
     table: Table, column: Column
 ) -> tuple[Float[Array, " n"], tuple[tuple[str, str], ...]]:
-    """Return the temperature of each row, degrees Celsius, and what was mended."""
+    """Return each row's temperature, degrees Celsius, and remarks on repairs."""
     values = table.numbers([column.place])[:, 0]
     rows = np.arange(len(values))
     there = np.flatnonzero(np.isfinite(values))

@@ -46,12 +46,12 @@ Said = tuple[tuple[str, str], ...]
 
 
 def sniff(source: Source) -> bool:
-    """Take what no other reader takes: what is no text is refused when read."""
+    """Accept anything that no other reader takes; reading refuses what is no text."""
     return True
 
 
 def decoded(path: str, content: bytes) -> tuple[str, Said]:
-    """Text in UTF-8, UTF-16 with its mark, or Windows-1252 (which holds Latin-1).
+    """Decode UTF-8, UTF-16 with a byte order mark, or Windows-1252.
 
     Compatibility characters become plain ones (NFKC): a superscript 2 is a 2, and the
     two Greek mu are one. NULs, with which a card pads its blocks, are taken out with
@@ -84,7 +84,7 @@ def decoded(path: str, content: bytes) -> tuple[str, Said]:
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """One way to write a row."""
+    """A way to write rows: separator, decimal mark and number of fields."""
 
     mark: str | None  # separator; None is white space
     comma: bool  # whether the decimal mark is a comma
@@ -93,11 +93,11 @@ class Dialect:
 
     @property
     def trailing(self) -> bool:
-        """Whether empty fields stand at the end of every row."""
+        """True if every row ends with empty fields."""
         return self.most > self.width
 
     def fields(self, line: str) -> list[str]:
-        """Fields of a line, without quotes and blanks around them."""
+        """Split a line into fields, without quotes and surrounding blanks."""
         fields = line.split(self.mark)
         if '"' in line and self.mark is not None:
             try:
@@ -118,14 +118,14 @@ class Dialect:
         return is_number(field)
 
     def value(self, field: str) -> float:
-        """Number in a field; NaN for what is missing or none."""
+        """Number in a field; NaN if it is missing or not a number."""
         there = self.is_number(field)
         return (
             float(field.replace(",", ".") if self.comma else field) if there else np.nan
         )
 
     def numbers(self, line: str) -> list[bool | None]:
-        """Return which fields of a line are numbers; None for what is missing."""
+        """Return which fields of a line are numbers; None for an empty one."""
         return [
             None if field.lower() in _MISSING else self.is_number(field)
             for field in self.fields(line)
@@ -134,7 +134,7 @@ class Dialect:
     def values(
         self, lines: list[Numbered], places: list[int] | None = None
     ) -> Float[Array, "n columns"]:
-        """Numbers of all columns, or of those at some places, NaN for empty fields.
+        """Numbers of all columns, or of some, NaN for empty fields.
 
         Raises
         ------
@@ -166,7 +166,7 @@ DIALECTS = (
 
 
 def dialect_of(lines: list[Numbered]) -> Dialect:
-    """Return the dialect that reads the greatest share of what is there as numbers.
+    """Return the dialect that reads the largest share of the fields as numbers.
 
     An empty field counts neither for nor against it.
     """
@@ -200,7 +200,7 @@ _BLANK = re.compile(r"\s+(?![^\[(\])]{0,80}[\])])")
 
 
 def header_names(line: str, mark: str | None = "") -> list[str]:
-    """Split a line of names."""
+    """Split a line of column names."""
     if mark == "":
         mark = next((each for each in "\t;,|" if each in line), None)
     if mark is not None:
@@ -215,13 +215,13 @@ def header_names(line: str, mark: str | None = "") -> list[str]:
 
 
 def is_names(fields: list[str]) -> bool:
-    """Return whether fields name three axes or more; a sentence never does."""
+    """Return whether fields name three axes or more, which a sentence never does."""
     channels = map(channel, fields)
     return sum(each.axis != "" and each.kind != "other" for each in channels) >= 3
 
 
 class Header(NamedTuple):
-    """Names of the columns, and what else stands above the rows."""
+    """Names of the columns, and what else is written above the rows."""
 
     names: tuple[str, ...] | None
     rest: list[Numbered]  # neither names nor remarks
@@ -233,7 +233,7 @@ class Header(NamedTuple):
 def header_of(
     path: str, dialect: Dialect, above: list[Numbered], rows: list[Numbered]
 ) -> Header:
-    """Find the names of the columns, and their units, among the lines above the rows.
+    """Find the columns' names and units in the lines above the rows.
 
     The names are the lowest line that names axes, else the one above the rows; a line
     of units below it is known by the columns that are axes.
@@ -307,7 +307,7 @@ def _misfit(
 def _matched(
     dialect: Dialect, fields: list[str], rows: list[Numbered]
 ) -> tuple[str, ...] | None:
-    """Names of which one is missing, where one way alone agrees with the readings.
+    """Names for the columns where one name is missing and only one place fits.
 
     A column may have none, as the first in what R writes, or a separator may be
     missing between two names that are known. No axis grows from row to row, and a
@@ -352,7 +352,7 @@ _NOT_THE_LOGS = re.compile(
 
 
 def rate_of(above: list[Numbered]) -> tuple[str, float] | None:
-    """Return the rate that the lines above the rows state, in Hz, and its name.
+    """Return the rate that the lines above the rows state, Hz, and its name.
 
     ``Update Rate: 100.0Hz``, ``Sample Rate:,128,Hz``, ``data_rate = 50 Hz``; nothing
     where two differ, or where it is another sensor's.
@@ -424,7 +424,7 @@ class TextTable:
         return len(self.lines)
 
     def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
-        """Return the columns at these places, NaN where there is none."""
+        """Return the columns at these places, NaN for a missing one."""
         if self.values is not None:
             return self.values[:, places]
         dialect = self.dialect
@@ -451,7 +451,7 @@ class TextTable:
         return [self.dialect.fields(line)[place] for _, line in self.lines]
 
     def distinct(self, place: int) -> "TextTable":
-        """Table without rows that stand twice, where only these repeat its clock."""
+        """Drop rows that are repeated in full, if these alone make the clock repeat."""
         lines = [line for _, line in self.lines]
         twice = [False, *map(eq, lines, lines[1:])]
         if not any(twice) or self.restarts:
@@ -465,7 +465,7 @@ class TextTable:
         return replace(once, source=(*self.source, ("mended", words)))
 
     def rows(self, taken: Bool[np.ndarray, " n"]) -> "TextTable":
-        """Table of some of its rows."""
+        """Select some of the rows."""
         if np.all(taken):
             return self
         values = None if self.values is None else self.values[taken]
@@ -475,11 +475,11 @@ class TextTable:
         return replace(self, lines=lines, values=values, restarts=restarts)
 
     def where(self, row: int) -> str:
-        """Say where a row stands in the file."""
+        """Say where a row is in the file."""
         return f"{self.path}, line {self.lines[row][0]}"
 
     def is_text(self, place: int) -> bool:
-        """Return whether what stands there is no number."""
+        """Return whether a column holds something other than numbers."""
         rows = (self.dialect.numbers(line)[place] for _, line in sampled(self.lines))
         return next((not each for each in rows if each is not None), False)
 
@@ -488,7 +488,7 @@ Table = ArrayTable | TextTable
 
 
 def read(source: Source) -> TextTable:
-    """Find the rows of a text, and the header above them."""
+    """Find the rows of a text file, and the header above them."""
     path = source.path
     text, said = decoded(path, source.content)
     texts = text.splitlines()
@@ -542,7 +542,7 @@ def _is_remark(line: str) -> bool:
 
 @dataclass(slots=True)
 class _Body:
-    """Rows of a text, without what is not one of them; what was left out is said."""
+    """The rows of a text, with remarks on the lines that were left out."""
 
     path: str
     dialect: Dialect
@@ -555,7 +555,7 @@ class _Body:
     """Of the rows, where every field is a number."""
 
     def part(self, above: list[Numbered], below: list[Numbered]) -> None:
-        """Part the rows where a line from above them stands again."""
+        """Split the rows where a header line is repeated among them."""
         heads = {
             line
             for _, line in above
@@ -578,7 +578,7 @@ class _Body:
             self.said.append(("mended", f"ros2 topic echo lost {lost} messages"))
 
     def find_header(self) -> None:
-        """Leave out rows above a header, a tenth of those below it at most."""
+        """Leave out the rows above a header, if they are few."""
         for k, (number, line) in enumerate(self.rows):
             fields = self.dialect.fields(line)
             if any(map(self.dialect.is_number, fields)) or not is_names(fields):
@@ -597,7 +597,7 @@ class _Body:
             return
 
     def begun(self, above: list[Numbered]) -> list[Numbered]:
-        """Lines above the rows, without a piece of a row in the first line."""
+        """Drop a cut-off row in the first line."""
         if above and above[0][0] == 1:
             numbers = self.dialect.numbers(above[0][1])
             if len(numbers) < self.dialect.width and all(numbers):
@@ -607,7 +607,7 @@ class _Body:
         return above
 
     def end(self, *, whole: bool) -> None:
-        """Leave out a last row that is cut off, or may be: one without an end of line.
+        """Drop a last row that is cut off, or may be as its line does not end.
 
         Its last field has fewer digits than four fifths of those above it: decimals or
         significant ones, whichever vary less. A count or an exponent may be cut where
@@ -654,7 +654,7 @@ class _Body:
         self.said.append(("mended", words))
 
     def table(self, times: dict[int, str]) -> TextTable:
-        """Return the table, with times of day before its rows where they have some."""
+        """Return the table; times of day become its first column."""
         rows, names, dialect = self.rows, self.names, self.dialect
         values = self.values
         empty = self._empty()

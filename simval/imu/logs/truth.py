@@ -41,7 +41,7 @@ _NAMES = ("t", *_PLACES, "qx", "qy", "qz", "qs", "qw", "q0", "q1", "q2", "q3")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth(ReadOnly):
-    """Recorded attitudes, as their file has them.
+    """Recorded attitudes, as they are in their file.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def read_truth(
 def read_positions(
     path: str, *, columns: str | None = None, instance: str | None = None
 ) -> Float[Array, "n 3"]:
-    """Positions beside recorded attitudes, in the rows of `read_truth`.
+    """Read the positions that are recorded beside attitudes, row by row.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def read_topic(
 
 
 def quaternion_stems(path: str, instance: str | None = None) -> list[str]:
-    """Names of the quaternions that the header of a file seems to have."""
+    """Names of the quaternions that the header of a file seems to hold."""
     table = _table(path, instance)
     return [stem for stem, _, _ in _groups(table) if _NAMED.search(stem.rstrip("_.- "))]
 
@@ -282,9 +282,10 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
     listed = ", ".join(each[0].rstrip("_.- ") or "(no name)" for each in groups)
     have = f"it has {listed}" if groups else "it names no four columns of a quaternion"
     asked = f"the quaternion {stem!r}" if stem else "one quaternion"
+    by_name = "name a truth by the common part of its columns (--truth NAME), or "
     msg = (
         f"{table.path}: you asked for {asked} as the truth, but {have}; "
-        "name a truth by the common part of its columns (--truth NAME), or "
+        f"{by_name if groups else ''}"
         "say what each column is (--truth-columns t,-,-,-,qx,qy,qz,qs; "
         "q0,q1,q2,q3 if you do not know which is the scalar part)"
     )

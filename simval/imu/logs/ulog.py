@@ -58,19 +58,19 @@ def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
 
 
 class _File(io.FileIO):
-    """A file that knows whether its end was cut off within a message."""
+    """A file that notices whether its end was cut off within a message."""
 
     cut = False
 
     def read(self, size: int | None = -1) -> bytes:
-        """Read, and note that fewer bytes were left than asked for."""
+        """Read, and notice if fewer bytes were left than asked for."""
         content = super().read(size) or b""
         self.cut = 0 < len(content) < (size or 0)
         return content
 
 
 def parsed(path: str) -> tuple[list[Stream], str, list[tuple[str, str]]]:
-    """Streams of a log's messages, what it holds, and what is wrong with it."""
+    """Streams of a log's messages, with remarks on what it holds and on faults."""
     from pyulog import ULog
 
     with _File(path) as file:

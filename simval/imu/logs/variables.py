@@ -47,7 +47,7 @@ def sniff(source: Source) -> bool:
 
 
 def read(source: Source) -> ArrayTable | dict[str, Callable[[], ArrayTable]]:
-    """Columns of the variables that have as many rows as the accelerometer's.
+    """Columns of the variables that have as many rows as the accelerometer.
 
     A variable of n rows and one column is a column by its own name, one of n by 3 is
     three with ``_x``, ``_y``, ``_z`` behind it; structures are looked into. One matrix
@@ -125,7 +125,7 @@ def _rate(force: str, rates: dict[str, float]) -> tuple[str, float] | None:
 
 
 def parsed(path: str) -> tuple[list[tuple[str, Array]], dict[str, float]]:
-    """Variables with rows of numbers, by their names, and rates."""
+    """Variables with rows of numbers, by name, and rates."""
     with open(path, "rb") as file:
         start = file.read(10)
     arrays: list[tuple[str, Array]] = []

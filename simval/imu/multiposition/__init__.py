@@ -1,4 +1,4 @@
-"""Multi-position calibration: from a user's log to a calibration with error bars.
+"""Multi-position calibration: from a user's log to parameters with error bars.
 
 The log shows a sensor that is held still in many poses. Its way, from top to bottom:
 

@@ -69,7 +69,7 @@ from simval.vocabulary import Iteration, Loss, Method, Model, Residual
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogCalibration(Told, ReadOnly):
-    """Calibration of a log: its rests, its accelerometer and the sensors beside it.
+    """Calibration of a log: its rests, its accelerometer and its other sensors.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class LogCalibration(Told, ReadOnly):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the calibration."""
         return calibration_account(self)
 
 
@@ -301,7 +301,7 @@ def calibrate_log(
 
 
 def _course(log: Log, loss: str) -> Course:
-    # of a drift that is asked for, where it can be told and fitted
+    # of a drift that is asked for, if the rests can show it
     if log.temperature is not None:
         beside = "a temperature, by which terms go; leave its column out (--columns)"
     elif loss != "linear":
@@ -313,7 +313,7 @@ def _course(log: Log, loss: str) -> Course:
 
 
 def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
-    """A log whose rests have the means that they would have without trembling."""
+    """Log whose rests have the means that they would have without a trembling hand."""
     if not np.any(pose.trembled):
         return log
     rows = log.accelerometer.copy()
@@ -324,7 +324,7 @@ def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
 
 
 def at_reference(log: Log, **terms: Term | None) -> Log:
-    """A log as its sensors, by name, would have read at their references."""
+    """Log as its sensors would have read at their reference temperatures."""
     rows = {name.replace("gyroscope", "gyro"): own for name, own in terms.items()}
     changed: dict[str, Any] = {
         name: own.compensated(getattr(log, name), course)
@@ -345,7 +345,7 @@ def _rest_terms(
     loss: str = "linear",
     over: Course = TEMPERATURE,
 ) -> ThermalChoice:
-    # the temperature of each rest, or its time, and what the readings owe to it
+    # temperature or time of each rest, and how the readings depend on it
     course = getattr(log, over.name)
     if course is None:
         return ThermalChoice()
@@ -484,7 +484,7 @@ def _terms(**found: Term | None) -> dict[str, Term]:
 
 
 def _wanted(log: Log, asked: Sequence[str] | None) -> Iterator[tuple[str, Array]]:
-    # sensors to calibrate beside the accelerometer, and their rows
+    # other sensors to calibrate, and their rows
     for name, samples in (("gyroscope", log.gyro), ("magnetometer", log.magnetometer)):
         if samples is not None and (asked is None or name in asked):
             yield name, samples
@@ -554,7 +554,7 @@ def _gyroscope(
 
 
 def _matrix(found: Calibration) -> Float[Array, "3 3"]:
-    # of the one sensor beside the accelerometer
+    # of the one other sensor
     return (found.gyroscope or found.magnetometer).M
 
 

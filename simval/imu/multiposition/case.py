@@ -1,4 +1,4 @@
-"""The rests of a log as its checks see them, judged.
+"""The rests of a log as the checks see them, with the judgement of them.
 
 What is wrong with their means is asked once (`simval.imu.explain`), with the noise that
 the rows of each rest show. A counter that wraps around is seen row by row, where the
@@ -54,16 +54,16 @@ class JudgedRests(NamedTuple):
     judgement: Judgement
 
     def detect(self, part: Log, least: int) -> Intervals:
-        """Return the rests of a part of the log, at least so many."""
+        """Find at least so many rests in a part of the log."""
         known = self.rest if part.time[0] == self.log.time[0] else None
         return find_rests(part, known, least).best.intervals
 
     def rows(self, start: int, stop: int) -> str:
-        """Say when rows were."""
+        """Say at what times some rows were taken."""
         return f"from {self.log.span((start, stop))}"
 
     def span(self, rest: int) -> str:
-        """Say when a rest was."""
+        """Say at what times a rest was."""
         return self.rows(*self.intervals[rest])
 
     @property
@@ -73,13 +73,13 @@ class JudgedRests(NamedTuple):
 
     @property
     def wrong(self) -> str:
-        """Say what is wrong with the rests and what to do; empty where nothing is."""
+        """Say what is wrong with the rests and what to do; empty if nothing is."""
         cause = self.judgement.cause(self.middle)
         return f"{cause}: {self.do}" if self.do else cause
 
     @property
     def do(self) -> str:
-        """Say what to do about it, with the option that does it."""
+        """Say what to do, with the option that does it."""
         words, option = self.judgement.advice, self.option
         if option == DRIFT:
             return f"take the drift into the fit ({option}), or {words}"
@@ -87,7 +87,7 @@ class JudgedRests(NamedTuple):
 
     @property
     def option(self) -> str:
-        """Option of a command that does what is advised; empty where none does."""
+        """The command's option that follows the advice; empty if there is none."""
         named, time = self.judgement.candidates, self.log.time
         if self.judgement.off:
             out = ",".join(str(self.numbers[k]) for k in self.judgement.off)
@@ -110,7 +110,7 @@ class JudgedRests(NamedTuple):
 
 
 def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
-    """Numbers of the rests that are not left out: by their number, or a time within, s.
+    """Numbers of the rests that remain; others are named by number or by a time, s.
 
     An integer is the number of a rest, and any other number a time.
 
@@ -151,7 +151,7 @@ def case_of(
     fit: FitResult | None = None,
     numbers: Intervals | None = None,
 ) -> JudgedRests:
-    """Gather what the checks need; without `noise` there are no rests to judge."""
+    """Gather what the checks need; without `noise` no rests are judged."""
     samples = log.accelerometer
     parts = [samples[start:stop] for start, stop in intervals]
     spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
@@ -207,14 +207,14 @@ def rest_means(
 
 
 def middle_of_counts(samples: Float[Array, "n 3"]) -> float:
-    """Reading about which a sign turns: the middle of the range of unsigned counts."""
+    """Reading about which a sign is turned: mid-range for unsigned counts."""
     if samples.min() < 0.0 or np.any(samples != np.round(samples)):
         return 0.0
     return float(2.0 ** (np.ceil(np.log2(samples.max() + 1.0)) - 1.0))
 
 
 def laps_of(log: Log) -> tuple[Float[Array, "n 3"], float]:
-    """Laps of a counter that each reading lacks, by its jumps, and how long one is.
+    """Laps of a counter missing from each reading, by its jumps, and a lap's length.
 
     Of integers a power of two that is hardly more than what is seen; else a little over
     it, since the ends of the range are seen to within one step of the motion.

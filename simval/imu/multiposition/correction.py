@@ -1,4 +1,4 @@
-"""A log as a calibration file corrects it."""
+"""A log, corrected by a calibration file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +18,11 @@ from simval.imu.multiposition.log_units import unit_facts, units_of
 
 
 class CorrectedLog(NamedTuple):
-    """A corrected log, and by what."""
+    """A corrected log, with the names of the sensors that were corrected."""
 
     log: Log  # m/s^2, rad/s, the calibration's unit; what is not in it as it was
     sensors: tuple[str, ...]  # what is
-    said: list[str]  # of the units, and of the temperatures
+    said: list[str]  # remarks on units and temperatures
 
 
 def corrected(
@@ -33,7 +33,7 @@ def corrected(
     extrapolate: bool = False,
     checked: bool = True,
 ) -> CorrectedLog:
-    """Correct all sensors of a log.
+    """Correct every sensor of a log that a calibration file has.
 
     The temperature of the sensor in all rows, degrees Celsius, stands for the log's
     own; a force that at rest is not g is refused where it is checked.

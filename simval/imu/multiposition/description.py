@@ -1,4 +1,4 @@
-r"""A log's calibration as an account and as JSON, with its conditions.
+r"""The calibration of a log as an account and as JSON, with its conditions.
 
 **Conditions.** Every sentence that says yes or no of the error bars, in any face, is a
 `Condition`: no where the chance of what is seen is below the level of its test.
@@ -72,7 +72,7 @@ from simval.imu.sensor.readable import WIDE, accelerometer_values
 from simval.imu.statics import Intervals
 from simval.poses import GEOMETRY_LIMIT
 from simval.shapes import Float
-from simval.spelling import chance, counted
+from simval.spelling import chance, counted, series
 
 ANSWERS: dict[bool | None, Answer] = {True: "pass", False: "fail", None: "inconclusive"}
 BEGIN = {True: "Yes", False: "No", None: "Cannot tell"}
@@ -84,7 +84,7 @@ WARM = "Record more rests, warmer and colder in turn."
 
 
 class Condition(NamedTuple):
-    """One question about the error bars, and the answer of its test.
+    """A condition on which the error bars depend, and the result of its test.
 
     Attributes
     ----------
@@ -110,19 +110,19 @@ class Condition(NamedTuple):
     do: str = ""
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as plain JSON values."""
+        """Return the condition as plain JSON values."""
         return self._asdict() | {"p_value": json_values(self.p_value)}
 
     @property
     def sentence(self) -> str:
-        """What is judged and the answer, with its chance."""
+        """Say what was tested and the result, with its chance."""
         p = f" ({each})" if (each := chance(self.p_value)) else ""
         about = f"{self.about[:1].upper()}{self.about[1:]}"
         return f"{about}: {BEGIN[self.holds].lower()}, {self.words}{p}."
 
 
 def conditions(whole: Any) -> tuple[Condition, ...]:
-    """Judge the sensors of a log, the accelerometer first."""
+    """Test the conditions on which the error bars of a log depend."""
     found = [
         _rests(whole),
         _drift_in_fit(whole) or order(whole.diagnosis),
@@ -143,24 +143,24 @@ def conditions(whole: Any) -> tuple[Condition, ...]:
 
 
 def honest(found: Sequence[Condition]) -> tuple[bool | None, str]:
-    """Say whether the error bars can be trusted, with the gravest answer."""
+    """Say whether the error bars can be trusted, by the gravest result."""
     first = graver(found)[0]
     return first.holds, f"{BEGIN[first.holds]}: {first.words}"
 
 
 def graver(found: Sequence[Condition]) -> list[Condition]:
-    """Conditions that do not hold, the gravest first; else the first tested."""
+    """Conditions that fail, the gravest first; if all hold, the first one tested."""
     open_ = [x for answer in (False, None) for x in found if x.holds is answer]
     return open_ or [next(x for x in found if np.isfinite(x.p_value))]
 
 
 def _rests(log: Any) -> Condition:
-    # a Type A error bar takes the scatter as it is, whatever the noise was said to be
+    # a Type A error bar takes the scatter as it is, whatever noise was stated
     found, answer = log.diagnosis, log.diagnosis.judgement.answer
     by_scatter = log.fit.covariance_kind == "type A"
     holds = {"sound": True, "unknown": None if by_scatter else False}.get(answer, False)
     words = found.cause or "the rests scatter as their noise explains"
-    do = found.do
+    do = f"{found.do[:1].upper()}{found.do[1:].rstrip('.')}." if found.do else ""
     if answer == "unknown" and by_scatter:
         words += "; the error bars are as wide as that"
     if answer == "sound" and found.p_value > 1.0 - BELIEVED:
@@ -174,7 +174,7 @@ def _rests(log: Any) -> Condition:
 
 
 def order(found: Diagnosis | Drift, sensor: str = "accelerometer") -> Condition:
-    """Judge whether a drift of a sensor would be seen in this order of the poses."""
+    """Judge whether a drift would be seen with the poses in this order."""
     begin = "in this order of the poses a drift"
     made = Condition(ORDER, True, np.nan, HIDDEN, f"{begin} would be seen")
     if not found.hidden > HIDDEN:
@@ -248,12 +248,13 @@ def _rows(fit: Any) -> Condition:
 
 
 def poses_alike(fit: Any, numbers: Intervals) -> Condition:
-    """Judge whether the field is the same in every pose, as far as noise tells."""
+    """Judge whether the field is the same in every pose, to within its noise."""
     p = chi_square_chance(fit.chi_square, fit.dof)
     words, do = "the field is the same in every pose", ""
     if fit.disturbed:
         named = [str(numbers[k]) for k in fit.disturbed]
-        words = f"the field is another in rest {', '.join(named)}"
+        rests = "rest" if len(named) == 1 else "rests"
+        words = f"the field is another in {rests} {series(named)}"
         do = "Look for iron, a current or a moved hold there, and leave out "
         do += f"(--leave-out {','.join(named)})."
     elif p < BEYOND:
@@ -291,7 +292,7 @@ def with_log(
     *,
     means: bool = False,
 ) -> Account:
-    """The account of what was made of a log, with what was read of it.
+    """Add to an account what was read of the log and how.
 
     A table of means has no clock.
     """
@@ -304,7 +305,7 @@ def with_log(
 
 
 def calibration_account(whole: Any) -> Account:
-    """State the calibration of a log: how good, whether to be trusted, what next."""
+    """State a log's calibration: how good, whether to be trusted, what next."""
     sensors = [name for name in ("gyroscope", "magnetometer") if getattr(whole, name)]
     poses = f"{counted(len(whole.intervals), 'pose')} of "
     poses += ", ".join(["accelerometer", *sensors])
@@ -329,13 +330,13 @@ def calibration_account(whole: Any) -> Account:
 
 
 def limited(reply: Reply, found: Diagnosis) -> Reply:
-    """How good a fit is, with what limits it beside its noise and what to do."""
+    """Add to the first answer what limits the fit besides its noise, and what to do."""
     limits = []
     poor, wide = not found.geometry <= GEOMETRY_LIMIT, found.widest > WIDE
     if poor:
         limits.append(
             f"The worst error bar is {found.geometry:.2g} times that of as many poses "
-            "all over the sphere: add poses in directions not yet covered."
+            "spread evenly over the sphere: add poses in directions not yet covered."
         )
     if wide:
         percent = 100.0 * found.widest
@@ -354,7 +355,7 @@ def limited(reply: Reply, found: Diagnosis) -> Reply:
 
 
 def trusted(whole: Any) -> Reply:
-    """Whether the error bars can be trusted, with each condition that fails."""
+    """Answer whether the error bars can be trusted, with each failed condition."""
     found = conditions(whole)
     first, *others = graver(found)
     also = [f"Also: {each.words}. {each.do}".rstrip() for each in others]
@@ -368,7 +369,7 @@ def trusted(whole: Any) -> Reply:
 
 
 def left_out_words(left_out: Mapping[str, Remark]) -> list[str]:
-    """Sentences on the sensors of a log that were left out."""
+    """Say which sensors of a log were left out, and why."""
     return [
         f"The {name} is left out: {said}{'' if said.do else '.'}"
         for name, said in left_out.items()
@@ -497,7 +498,7 @@ def _facts(whole: Any) -> Iterator[Fact]:
 
 
 def fit_of(whole: Any) -> str:
-    """The fit that the accelerometer's numbers are from, if not its own."""
+    """Say which joint fit gave the accelerometer's numbers; empty for its own fit."""
     if whole.together is not None:
         return "one fit of all three sensors, in which the rotations help the others"
     if whole.gyroscope is not None:
@@ -506,7 +507,7 @@ def fit_of(whole: Any) -> str:
 
 
 def log_object(log: Log) -> dict[str, Any]:
-    """Return what was taken of a log and at what rate, as plain JSON values."""
+    """Return what was read of a log, and at what rate, as plain JSON values."""
     taken = {each.role: [each.place + 1, each.name] for each in log.columns}
     return {
         "source": [list(each) for each in log.source],
@@ -518,7 +519,7 @@ def log_object(log: Log) -> dict[str, Any]:
 
 
 def as_object(whole: Any) -> dict[str, Any]:
-    """Return the accelerometer as one JSON object; a calibration file and more."""
+    """Return the accelerometer as one JSON object: a calibration file, with extras."""
     diagnosis = whole.diagnosis
     return to_json(whole.accelerometer) | {
         "intervals": len(whole.intervals),
@@ -540,7 +541,7 @@ def as_object(whole: Any) -> dict[str, Any]:
 
 
 def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
-    """The sensors after the accelerometer, and the conditions of all error bars."""
+    """Return the other sensors, and the conditions, as plain JSON values."""
     units = {name: each.as_object() for name, each in whole.units.items()}
     left = {name: said.as_object() for name, said in whole.left_out.items()}
     values: dict[str, Any] = {"left_out": left, "units": units}
@@ -588,7 +589,7 @@ def _terms_object(whole: Any, over: Course) -> dict[str, Any]:
 
 
 def message_covariances(log: Log, whole: Any) -> dict[str, Any]:
-    """Fields of a message: nine numbers each; -1 first where nothing is known."""
+    """Covariance fields of ROS messages, nine numbers each; -1 first if unknown."""
     unknown = [-1.0] + [0.0] * 8
     rests = whole.intervals
     force = whole.accelerometer.sensor().matrix

@@ -1,4 +1,4 @@
-"""Faults of a sensor, a cable or a logger: reasons to reject the rests of a log.
+"""Faults of a sensor, a cable or a logger for which the rests of a log are refused.
 
 Each check looks for the mark of one fault, and returns nothing or a sentence that names
 the axis, the time and the remedy. Most faults still give nine numbers and error bars,
@@ -37,7 +37,7 @@ _RUN = 25  # equal readings, or rows equal to earlier ones, in a row
 # is 2e-11, so that no log of a million rows has such a run by chance.
 _NOISY = 0.36
 _BY_CHANCE = 1e-9  # of a stretch that equals any other of a log
-_LONGEST = 1000  # rows; noise so coarse that more would be needed tells nothing
+_LONGEST = 1000  # rows; noise so coarse that it would need more is not tested
 _FAR = 10.0  # robust standard deviations of a spike; noise has none in 1e22 rows
 _SHIFT = 2e-3  # of the readings' radius, by which spikes may move the mean of a rest
 _LIKE = 0.25  # least ratio of the scales of two columns that may be one channel
@@ -60,7 +60,7 @@ Checks = tuple[Callable[[JudgedRests], str | None], ...]
 
 
 def require_sound(case: JudgedRests) -> None:
-    """Refuse a calibration whose log shows a fault.
+    """Refuse to calibrate a log that shows a fault.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def require_sound(case: JudgedRests) -> None:
 
 
 def explained(log: Log, rest: float | None, refusal: RefusedError) -> Exception:
-    """Return the refusal, or one that names the fault behind it."""
+    """Return the refusal, or one that names the fault that caused it."""
     intervals = _rests(log, rest)
     noise = pose_noise(log, intervals) if len(intervals) else None
     case = case_of(log, rest, intervals, noise)
@@ -118,7 +118,7 @@ def _first(case: JudgedRests, checks: Checks) -> str | None:
 
 
 def for_a_log(words: str) -> str:
-    """Reword advice about poses and rotations as advice about a log."""
+    """Turn advice about poses and rotations into advice about a log."""
     for ours, theirs in {
         STATE_NOISE: "measure it in a long rest (simval noise LOG --json > noise.json) "
         "and give that file (--noise noise.json)",
@@ -130,7 +130,7 @@ def for_a_log(words: str) -> str:
 
 
 def constant_axis(case: JudgedRests) -> str | None:
-    """An axis that shows one value in the whole log."""
+    """An axis that reads the same value in the whole log."""
     samples = case.log.accelerometer
     still = np.ptp(samples, axis=0) == 0.0
     if still.all() or not still.any():  # all three: the log is empty of readings
@@ -144,7 +144,7 @@ def constant_axis(case: JudgedRests) -> str | None:
 
 
 def zero_rows(case: JudgedRests) -> str | None:
-    """Rows of three zeros, which stand for lost data."""
+    """Rows of three zeros, which loggers write for lost data."""
     zero = np.all(case.log.accelerometer == 0.0, axis=1)
     for index, (start, stop) in enumerate(case.intervals):
         if np.count_nonzero(zero[start:stop]) >= 2:
@@ -181,7 +181,7 @@ def frozen(case: JudgedRests) -> str | None:
 
 
 def spikes(case: JudgedRests) -> str | None:
-    """Single rows far off, often enough to shift the means of the case."""
+    """Single rows that are far off, so many that they shift the means of rests."""
     samples = case.log.accelerometer
     radius = np.sqrt(np.sum(np.var(case.means, axis=0)))
     shifts, first, count = [], -1, 0
@@ -207,7 +207,7 @@ def spikes(case: JudgedRests) -> str | None:
 
 
 def repeated(case: JudgedRests) -> str | None:
-    """A stretch of rows that is an earlier one again, bit for bit."""
+    """A stretch of rows that repeats an earlier one bit for bit."""
     samples = case.log.accelerometer
     if case.same_rows >= 1.0:
         return None
@@ -245,7 +245,7 @@ def repeated(case: JudgedRests) -> str | None:
 
 
 def flat_axis(case: JudgedRests) -> str | None:
-    """An axis that does not take part, or repeats another."""
+    """An axis that does not respond to turns, or repeats another axis."""
     centred = case.means - case.means.mean(axis=0)
     spread = np.sqrt(np.mean(centred**2, axis=0))
     size = np.linalg.norm(centred, axis=0)
@@ -282,7 +282,7 @@ def flat_axis(case: JudgedRests) -> str | None:
 
 
 def stuck(case: JudgedRests) -> str | None:
-    """An axis that shows one value while the others move, in rests that misfit."""
+    """An axis that reads one value while the others move, where the rests misfit."""
     if case.judgement.answer == "sound":
         return None
     for axis, samples in enumerate(case.log.accelerometer.T):
@@ -298,23 +298,23 @@ def stuck(case: JudgedRests) -> str | None:
 
 
 def wrapped(case: JudgedRests) -> str | None:
-    """A counter that leaves at one end of its range and returns at the other."""
+    """A counter that leaves its range at one end and comes back at the other."""
     causes = [found.explanation.kinds for found in case.judgement.candidates]
     return judged(case) if causes and all(c == {"wrap"} for c in causes) else None
 
 
 def judged(case: JudgedRests) -> str | None:
-    """Something that is wrong with the rests, with odds that refuse them."""
+    """What is wrong with the rests, if the odds are high enough to refuse them."""
     return case.wrong if case.judgement.answer == "refusal" else None
 
 
 def accused(case: JudgedRests) -> str | None:
-    """The same, where it is the sensor or its readings, and no rest by itself."""
+    """The same, if the sensor or its readings are wrong and not a single rest."""
     return judged(case) if case.judgement.accuses else None
 
 
 def other_unit(case: JudgedRests) -> str | None:
-    """A long stretch whose rests were left out because they read another gravity."""
+    """A long stretch whose rests were left out as they read another gravity."""
     log = case.log
     if len(case.means) < _SEVERAL:
         return None
@@ -354,7 +354,7 @@ def _gravity(inside: Float[Array, "m 3"], case: JudgedRests) -> float:
 
 
 def undecided(case: JudgedRests) -> str | None:
-    """Residuals beyond the noise, of too few rests to name what they show."""
+    """Residuals beyond the noise in so few rests that the cause stays open."""
     if case.dof >= _TELLING or case.judgement.answer == "sound":
         return None
     return (
@@ -367,7 +367,7 @@ def undecided(case: JudgedRests) -> str | None:
 
 
 def no_gravity(case: JudgedRests) -> str | None:
-    """Residuals that are too large, or may come from a scatter that is."""
+    """Residuals that are too large, or may be so and hide behind few rests."""
     assert case.fit is not None
     misfit = possible = case.misfit
     if case.judgement.answer != "sound":
@@ -381,8 +381,8 @@ def no_gravity(case: JudgedRests) -> str | None:
         f"that is farthest off is the one {case.span(farthest)}"
     )
     return (
-        f"the rests miss gravity by {100.0 * misfit:.2g} % (root mean square), with so "
-        f"many rests {100.0 * possible:.2g} % may be behind it, and at most "
+        f"the rests miss gravity by {100.0 * misfit:.2g} % (root mean square), which "
+        f"for so few rests may be {100.0 * possible:.2g} % in truth, and at most "
         f"{100.0 * MISFIT:g} % is accepted: these are not readings of gravity on "
         f"three axes; {what}"
     )

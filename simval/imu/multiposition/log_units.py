@@ -1,4 +1,4 @@
-"""Unit and axes of each sensor of a log: one judgement for stated and unstated units.
+"""Unit and axes of each sensor of a log: one judgement, whether stated or not.
 
 A unit is given by the user, written in the header, or shown by the readings
 (`simval.imu.multiposition.unit_evidence`). What is stated is held against what the
@@ -36,7 +36,7 @@ _KINDS: Final[dict[str, Measurand]] = {
     "magnetometer": "mag",
 }
 _RANGES: Final = {"accelerometer": "the range", "gyro": "the range, or the clock,"}
-LEVEL: Final = 0.2  # sine of a field's elevation that tells no hemisphere
+LEVEL: Final = 0.2  # sine of an elevation so small that the hemisphere stays open
 COUNTS: Final = 50.0  # times a unit that counts are smaller by, at least
 _EXAMPLES: Final = {
     "accelerometer": "m/s^2, g, mg, or m/s^2",
@@ -150,7 +150,7 @@ def units_of(
 
 
 def unit_facts(units: Iterable[Scale]) -> tuple[Fact, ...]:
-    """What is wrong with the units and axes of a log."""
+    """Warnings about the units and axes of a log."""
     return tuple(
         Fact("unit", str(x), notable=True) for each in units for x in each.said
     )
@@ -262,7 +262,7 @@ def _shown(sensor: str, seen: Seen, means: Float[Array, "m 3"] | None) -> Scale:
 
 
 def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[Remark, ...]]:
-    # whether the axes are those of the accelerometer, and what is said if not
+    # whether the axes are those of the accelerometer, and the remark if not
     own, told = ORDERS[seen.order], sensor != "magnetometer"
     if not told and hemisphere != "unstated" and abs(seen.upward) > LEVEL:
         # in the north the field dips, against the specific force
@@ -274,6 +274,8 @@ def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[Remark, 
     begin += "accelerometer"
     if np.linalg.det(own) < 0.0:
         words, do = f"{begin}, left-handed: {_mirror(own)}", "Change the columns."
+        if np.diagonal(own).all():
+            do = "Correct that in the log."
         return "left-handed", (Remark("left-handed", words, do),)
     if not told:
         words = (

@@ -1,4 +1,4 @@
-"""A table of means: each row is what a sensor read in a pose, averaged before.
+"""A table of pose means, averaged before: one row a pose.
 
 Nothing is known of the rests but their means, so error bars are by the residuals, and a
 fault within a rest is not seen. Without an accelerometer a magnetometer's means lie on
@@ -46,7 +46,7 @@ _WORDS: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeansCalibration(Told):
-    """Calibration of one sensor by a table of its means."""
+    """Calibration of one sensor from a table of pose means."""
 
     sensor: str
     fit: FitResult
@@ -56,7 +56,7 @@ class MeansCalibration(Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the calibration."""
         found, fit, force = self.diagnosis, self.fit, self.sensor == "accelerometer"
         whole = order(found, self.sensor)
         if found.cause:
@@ -90,7 +90,7 @@ class MeansCalibration(Told):
         )
 
     def as_object(self, log: Log) -> dict[str, Any]:
-        """Return it as one JSON object; of an accelerometer a calibration file."""
+        """Return it as one JSON object; for an accelerometer, a calibration file."""
         said = {
             "sensor": self.sensor, "rows": self.rows.tolist(),
             "pose_noise": "residuals",

@@ -164,7 +164,7 @@ def _longest(intervals: Intervals) -> tuple[int, int]:
 
 
 def require_even(log: Log, start: int, stop: int) -> None:
-    """Refuse rows that do not follow each other at equal steps of time.
+    """Refuse rows that are not evenly spaced in time.
 
     Raises
     ------
@@ -197,7 +197,7 @@ OTHER_UNIT = 5.0  # times the noise: 9.8, 1000, 57 or counts are other units
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseNoise(ReadOnly):
-    """Noise of the mean of each rest, and where it comes from.
+    """Noise of the mean of each rest, and how it was found.
 
     Attributes
     ----------
@@ -241,7 +241,7 @@ class PoseNoise(ReadOnly):
 def white_noise(
     samples: Float[Array, "n 3"], intervals: Intervals, block: int = 1
 ) -> Float[Array, " m"]:
-    """Standard deviation that white noise leaves in each interval's mean.
+    """Standard deviation that white noise leaves in the mean of each interval.
 
     The variance within intervals is pooled over them and over the axes. Rows that come
     faster than the sensor's band are not independent; their means over blocks are.
@@ -264,7 +264,7 @@ def pose_noise(
     block: int = 1,
     file: NoiseFile | None = None,
 ) -> PoseNoise:
-    """Noise of the means of a log's rests: by Allan variance where that is known.
+    """Noise of the means of a log's rests, by Allan variance where it is known.
 
     A magnetometer is often slower than its log: its own readings are what counts, each
     once, however many rows it stands in.
@@ -306,7 +306,7 @@ _SHORT = 0.1  # s; in less a lever arm shakes the readings, which is no directio
 def along_gravity(
     log: Log, intervals: Intervals, noise: PoseNoise, fit: FitResult
 ) -> PoseNoise:
-    r"""Noise of the accelerometer's means along gravity, which their norms feel.
+    r"""Noise of the means along gravity, which is all that their lengths contain.
 
     It is that of `noise`. But a hand trembles. Where it does, or the means of eighths
     of the rests have chance against it, a mean of n rows of the variance :math:`s^2`
@@ -360,12 +360,12 @@ def along_gravity(
 
 
 def steps_of(rests: list[Array]) -> Float[Array, "3"]:
-    """Step of each axis's readings; 0 where there is none."""
+    """Resolution of each axis; 0 where there is none to see."""
     return np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
 
 
 def rounding_left(rests: list[Array], step: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Variance of a mean that rounding leaves, where noise does not blur its steps."""
+    """Variance of a mean by rounding, where noise is too small to average it out."""
     counts = [len(rows) for rows in rests]
     blurs = np.average([rows.var(axis=0) for rows in rests], axis=0, weights=counts)
     blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
@@ -430,7 +430,7 @@ def _telling_rest(log: Log, intervals: Intervals) -> tuple[int, int]:
 def mean_noise(
     axes: tuple[AxisNoise, ...], seconds: Float[Array, " m"]
 ) -> Float[Array, " m"]:
-    """Standard deviation of the mean of a rest, by the Allan variance at its length.
+    """Standard deviation of a rest's mean, from the Allan variance at its length.
 
     The mean over the axes of their variances, as the calibration knows one noise for
     the three axes of a pose. An axis's variance is that of its fitted model, and the
@@ -459,7 +459,7 @@ FARTHEST = 2.0  # times the longest average: so far the fitted model is believed
 def planned_noise(
     path: Path, hold: float | None, sensor: AccelerometerModel | None
 ) -> float:
-    """Noise of a pose mean by the Allan variance at its length, units of the plan.
+    """Noise of a pose mean for a plan, from the Allan variance of a noise file.
 
     Those are the log's where a sensor is given, else m/s^2.
     """

@@ -31,21 +31,21 @@ from simval.imu.noise.model import (
     equivalent_words,
     largest,
 )
-from simval.spelling import counted, duration, rounded
+from simval.spelling import counted, duration, rounded, series
 from simval.text import columns, interval_words
 from simval.units import G0, OF_A_DATA_SHEET, OF_A_LOG, OF_TIME, Unit
 from simval.units import RADIANS_PER_DEGREE as DEGREE
 
 
 class Further(NamedTuple):
-    """A further unit of a coefficient: of data sheets, of Kalibr, of single rows."""
+    """Another unit of a coefficient: of data sheets, of Kalibr, or of single rows."""
 
     title: str
     per_si: float
     rate_power: float = 0.0  # of the rate in Hz that the number goes with
 
     def of(self, value: float, rate: float) -> float:
-        """Convert a value in SI units."""
+        """Convert a value from SI units."""
         return value * self.per_si * rate**self.rate_power
 
 
@@ -120,7 +120,7 @@ KALIBR = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorNoise:
-    """Noise of one sensor of a log."""
+    """Noise of one sensor of a log, with the unit of its readings."""
 
     name: str  # accelerometer, gyro or magnetometer
     axes: Sequence[AxisNoise]  # in raw units
@@ -128,26 +128,26 @@ class SensorNoise:
 
     @property
     def si_per_raw(self) -> float | None:
-        """SI units in one raw unit; None where that is not known."""
+        """SI units in one raw unit; None if that is not known."""
         return self.scale.si_per_raw
 
     @property
     def title(self) -> str:
-        """Its name for a person."""
+        """Name of the sensor for a person."""
         return "gyroscope" if self.name == "gyro" else self.name
 
     @property
     def lettered(self) -> list[tuple[str, AxisNoise]]:
-        """Its axes by name."""
+        """The axes by their letters."""
         return list(zip(AXES, self.axes, strict=True))
 
     @property
     def fitted(self) -> list[AxisNoise]:
-        """Axes for which a model holds."""
+        """The axes whose model fits."""
         return [axis for axis in self.axes if axis.coefficients]
 
     def unit(self, kind: str) -> Unit:
-        """Unit in which a person reads a coefficient in raw units."""
+        """Unit in which a person reads a coefficient that is in raw units."""
         if kind in OF_TIME:
             return OF_TIME[kind]
         if self.si_per_raw is None:
@@ -162,7 +162,7 @@ class SensorNoise:
 
     @property
     def kinds(self) -> dict[str, list[Coefficient | None]]:
-        """Its coefficients by kind, one of each axis."""
+        """The coefficients by kind, each of one axis."""
         return {
             kind: [_of_kind(kind, axis.coefficients) for axis in self.axes]
             for kind in LETTERS
@@ -171,7 +171,7 @@ class SensorNoise:
 
     @property
     def values(self) -> Values:
-        """Its coefficients, a row for each kind, and what its readings show beside."""
+        """The coefficients as a table, with other properties of the readings."""
         lines = [
             self._line(f"{LETTERS[kind].words} {kind}", kind, own)
             for kind, own in self.kinds.items()
@@ -262,7 +262,7 @@ def _kalibr(sensors: Sequence[SensorNoise]) -> Iterator[tuple[str, Largest]]:
 
 
 def noise_account(found: LogNoise, sensors: Sequence[SensorNoise]) -> Account:
-    """State the noise of a log: how much, whether the model fits, what next."""
+    """State the noise of a log: how large, whether the model fits, what next."""
     tables = [
         Note(words=words, matrix="\n".join(rows))
         for each in sensors
@@ -291,7 +291,7 @@ def noise_account(found: LogNoise, sensors: Sequence[SensorNoise]) -> Account:
 
 
 def varies(axis: AxisNoise) -> bool:
-    """Whether the readings of an axis vary at all: a stuck one has no deviation."""
+    """Whether the readings of an axis vary; a stuck axis has no Allan deviation."""
     return bool(np.any(axis.variances > 0.0))
 
 
@@ -303,8 +303,9 @@ def _greatest(sensor: SensorNoise, kind: str) -> str:
     size = max((c.high if c.value is None else c.value for c in found), key=abs)
     if not np.isfinite(size):
         return ""
-    below = "" if any(c.value == size for c in found) else "below "
-    return f"{below}{rounded(unit.factor * size, 3)} {unit.name}"
+    seen = any(c.value is not None and c.value == size for c in found)
+    below = "" if seen else "below "
+    return f"{below}{rounded(unit.factor * size, 3 if seen else 2)} {unit.name}"
 
 
 def _for_filters(sensor: SensorNoise) -> str:
@@ -359,11 +360,17 @@ def _fitting(sensors: Sequence[SensorNoise]) -> Reply:
     if fitted:
         lines.append("Every interval holds 95 % by the closed-form covariance.")
     count = counted(len(axes), "axis", "axes")
-    headline = f"Yes: it fits all {count}."
+    part = [
+        f"{name} to {axis.seconds[axis.used[1] - 1]:.3g} s"
+        for name, axis in axes.items()
+        if axis.coefficients and axis.used[1] < len(axis.seconds)
+    ]
+    headline = f"Yes: it fits all {count}{', ' * bool(part)}{series(part)}."
     if fitted < len(axes):
         headline = f"No: it fits {fitted} of {count}."
     if stuck and not without:
-        headline = f"It fits {counted(fitted, 'axis', 'axes')}; the others do not vary."
+        rest = "other does" if len(stuck) == 1 else "others do"
+        headline = f"It fits {counted(fitted, 'axis', 'axes')}; the {rest} not vary."
     if len(stuck) == len(axes):
         headline = "Cannot tell: no reading varies."
     return Reply(

@@ -1,4 +1,4 @@
-r"""A log's calibration as parameters of other projects: one table, and a writer each.
+r"""A log's calibration as parameter files of other projects, one writer for each.
 
 With f and :math:`\omega` the corrected values and y the raw ones, the projects compute
 
@@ -68,14 +68,14 @@ STEP: Final = 0.01  # length of a change below which a project that ignores some
 
 
 class Ignored(NamedTuple):
-    """A change of three parameters by less than `STEP`: those in use are kept."""
+    """A rule of an autopilot: changes smaller than `STEP` are not taken up."""
 
     source: str  # file, line and version
     newer: float = STEP  # in newer code; 0 where that takes up the first of any size
     newer_source: str = ""
 
     def words(self, off: float, kept: float) -> str:
-        """Say that a change of some length is not taken up, or may not be."""
+        """Say that a change of this length will not be taken up, or may not."""
         least = (
             f"{self.newer:g} in newer code" if self.newer else "newer code takes any"
         )
@@ -167,7 +167,7 @@ AUTOPILOTS: Final = {
 
 
 class _Notes(list[str]):
-    """What a file does not hold, sensor by sensor."""
+    """Notes on what a parameter file does not hold, sensor by sensor."""
 
     def say(self, sensor: str, words: str) -> None:
         self.append(f"{sensor}: {words}")
@@ -237,14 +237,14 @@ def _lines(
 
 
 def _size(whole: Any, sensor: str, unit: str) -> float | None:
-    """Units in a raw one, as the log's header says, or its readings show."""
+    """How many of these units are in one raw unit; None if that is not known."""
     column = "gyro" if sensor == "gyroscope" else sensor
     size = whole.units[column].si_per_raw
     return None if size is None else size / OF_A_LOG[column][unit]
 
 
 def _left(matrix: Array) -> float:
-    """Greatest error of a vector of length 1 that a matrix takes to itself."""
+    """Largest error in a vector of length 1 if a matrix is taken for the identity."""
     return float(np.linalg.norm(matrix - np.eye(3), 2))
 
 
@@ -300,7 +300,7 @@ def _magnetometer(pilot: Autopilot, size: float, whole: Any, notes: _Notes) -> _
 
 
 def yaml_lines(values: dict[str, Any], left: str = "") -> Iterator[str]:
-    """Lines of a table: tables in it, words, numbers, a row or rows of these."""
+    """Lines of YAML for a nested table of words, numbers and rows."""
     for name, value in values.items():
         rows: Iterable[str] = ()
         text = ""
@@ -315,7 +315,7 @@ def yaml_lines(values: dict[str, Any], left: str = "") -> Iterator[str]:
 
 
 def flow(value: Any) -> str:
-    """A number, or a row of some, as YAML reads it."""
+    """Write a number, or a row of numbers, so that YAML reads numbers."""
     if np.ndim(value):
         return f"[{', '.join(map(flow, value))}]"
     # with a point: 1e-05 is a word in YAML 1.1
@@ -415,7 +415,7 @@ def _ros(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
 
 
 def _warm(sensor: str, whole: Any) -> tuple[float, str]:
-    """Greatest error of a corrected reading, at 1 g, 1 rad/s or in the field."""
+    """Largest change of a corrected reading over the temperatures, and its unit."""
     fit, own = getattr(whole, sensor), whole.taken.thermal[sensor]
     size, unit = {
         "accelerometer": (whole.accelerometer.g, "m/s^2 at 1 g"),
@@ -442,7 +442,7 @@ WRITERS: Final = {
 
 
 def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]]:
-    """Text of a project's parameter file, and what it does not hold.
+    """Text of a project's parameter file, and notes on what it does not hold.
 
     Raises
     ------

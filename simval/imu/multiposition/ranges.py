@@ -1,4 +1,4 @@
-"""Ends of a sensor's range, and units of its axes: readings that tell nothing."""
+"""Readings that show nothing: at the end of a range, constant, or in mixed units."""
 
 import numpy as np
 import scipy
@@ -30,7 +30,7 @@ units in use, standard gravities and m/s^2, differ by 9.8, and no two axes by 2.
 
 
 def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> None:
-    """Refuse a log that has a rest with readings at the end of the range.
+    """Refuse a log with a rest at the end of the sensor's range.
 
     Many readings at exactly the log's extreme are at a rail, if the noise of the rests
     would have put more of them beyond it.
@@ -77,7 +77,7 @@ def _missed(
 
 
 def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
-    """Refuse an axis that shows one value, and one that stays at the end of its range.
+    """Refuse an axis that reads one value, or stays at the end of its range.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
 
 
 def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
-    """Start and length of the longest stay at the greatest reading; length 0: none."""
+    """Start and length of the longest stay at the largest reading; length 0: none."""
     top = column.max()
     edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
     starts, stops = edges[::2], edges[1::2]
@@ -118,7 +118,7 @@ def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
 
 
 def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
-    """Refuse three axes whose scales differ as units do.
+    """Refuse three axes whose scales differ as much as units do.
 
     Raises
     ------

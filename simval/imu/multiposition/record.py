@@ -1,4 +1,4 @@
-r"""What a record of a calibration has beside its numbers: labels, and a budget.
+r"""What the record of a calibration needs beside its numbers: labels and a budget.
 
 **Budget.** The variance of a parameter is that of the scatter of the poses, in which
 noise, the steps of the readings and motion within rests are seen, and that of gravity,
@@ -28,7 +28,7 @@ LABELS: Final = {"date": "YYYY-MM-DD", "sensor": "ID", "operator": "NAME"}
 
 
 def record_facts(labels: Mapping[str, str], gravity: Gravity) -> Iterator[Fact]:
-    """Labels as they were given, those of `LABELS` that are missing, and the place."""
+    """The labels as given, the usual ones that are missing, and the place."""
     for name, what in LABELS.items():
         missing = f"not stated (--label {name}={what})"
         yield Fact(name, labels.get(name, missing))
@@ -37,7 +37,7 @@ def record_facts(labels: Mapping[str, str], gravity: Gravity) -> Iterator[Fact]:
 
 
 class Contribution(NamedTuple):
-    """One source of uncertainty of the parameters of a sensor."""
+    """One source of uncertainty of a sensor's parameters."""
 
     name: str
     words: str  # how it was found
@@ -48,11 +48,11 @@ class Contribution(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Its name, set apart where it is a part of the scatter."""
+        """Name of the source, indented if it is part of the scatter."""
         return f"{'- ' * self.part}{self.name}"
 
     def cell(self, name: str, value: float) -> Quantity:
-        """What it makes of a parameter, in the unit of its column."""
+        """Its contribution to a parameter, in the unit of the column."""
         if not np.isfinite(value):
             return Quantity(name, None, missing=self.missing)
         if self.most:
@@ -73,7 +73,7 @@ def bound_sd(whole: Any) -> Float[Array, "9"]:
 
 
 def sources(whole: Any) -> tuple[Contribution, ...]:
-    """Where the uncertainty of the accelerometer of a log comes from."""
+    """Sources of the uncertainty of a log's accelerometer."""
     fit, noise = whole.accelerometer, whole.pose_noise
     bound, gravity = known_gravity_bound(whole), np.abs(fit.of_gravity)
     scatter = np.sqrt(np.maximum(fit.sd**2 - gravity**2, 0.0))
@@ -109,7 +109,7 @@ def sources(whole: Any) -> tuple[Contribution, ...]:
 
 
 def gravity_words(fit: Any) -> str:
-    """How well gravity was known."""
+    """Say how well gravity was known."""
     words = Gravity(fit.g, fit.g_std).words
     if fit.g_std:
         return f"{words}, in every K alike"
@@ -121,7 +121,7 @@ def _rms(values: Array) -> float:
 
 
 def budget(whole: Any) -> Values:
-    """Sources of the uncertainty of the worst parameter of each kind."""
+    """Uncertainty of the worst parameter of each kind, source by source."""
     fit, found = whole.accelerometer, sources(whole)
     names = [name for name, _ in forms.entries(fit.model)]
     kinds = np.array(kinds_of(fit.model))
@@ -137,7 +137,7 @@ def budget(whole: Any) -> Values:
 
 
 def other_sources(fit: Any, count: int) -> tuple[Contribution, ...]:
-    """Where the uncertainty of a sensor's own parameters comes from, the last ones.
+    """Sources of the uncertainty of another sensor's own (last) parameters.
 
     That of the accelerometer, whose axes they are on, by the conditional covariance.
     """
@@ -155,7 +155,7 @@ def other_sources(fit: Any, count: int) -> tuple[Contribution, ...]:
 
 
 def other_budget(sensor: str, fit: Any, names: Sequence[str]) -> Values:
-    """Sources of the uncertainty of the worst entry of M, and of the bias."""
+    """Uncertainty of the worst entry of M and of the bias, source by source."""
     count, sd = len(names), fit.sd[-len(names) :]
     heads = {
         k: f"{names[k]}, {unit}"
@@ -177,7 +177,7 @@ def _table(
     heads: Mapping[int, str],
     factors: Array,
 ) -> Values:
-    """Rows for each source and for all together; columns of some parameters."""
+    """A row for each source and for all together, a column for each parameter."""
     width = (intervals[:, 1] - intervals[:, 0]) / 2.0
     rows = (
         *found,
@@ -207,7 +207,7 @@ def _table(
 
 
 def budget_object(found: Sequence[Contribution]) -> list[dict[str, Any]]:
-    """A budget of all parameters as plain JSON values."""
+    """The budget of all parameters as plain JSON values."""
     return [
         {
             "source": each.name, "said": each.words, "part": each.part,

@@ -1,4 +1,4 @@
-"""The rests of a log, found by times in seconds, at any rate.
+"""The rests of a log, by times in seconds, so that any rate will do.
 
 The accelerometer finds them, and one that holds several levels is cut at its steps or
 left out (`simval.imu.statics.levels`); where the log has a gyroscope, what turns is cut
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.imu.logs import Log
 from simval.imu.statics import (
     SLOWEST_NOISE,
@@ -34,6 +34,7 @@ from simval.imu.statics import (
 )
 from simval.imu.statics.detector import EvenLog
 from simval.poses import PARAMETERS
+from simval.spelling import counted
 
 AXES = "xyz"
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
@@ -45,7 +46,7 @@ MISSED = 1.1
 
 
 class Level(NamedTuple):
-    """The rests of a log by one threshold."""
+    """The rests of a log, found with one threshold."""
 
     multiplier: float  # of the variance of the initial rest
     intervals: Intervals
@@ -55,7 +56,7 @@ class Level(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """The rests of a log by every threshold that agrees on their number."""
+    """The rests of a log, and the thresholds that find as many."""
 
     block: int  # rows that the detector takes together
     initial: Rest
@@ -64,7 +65,7 @@ class Detection(NamedTuple):
 
     @property
     def plateau(self) -> Iterator[Level]:
-        """The best and the others."""
+        """The best threshold's rests, then those of the others."""
         return chain([self.best], self.others)
 
 
@@ -73,6 +74,8 @@ def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detecti
 
     Raises
     ------
+    InputError
+        If the rest is stated to be longer than the log.
     RefusedError
         If there is no rest, or no threshold finds enough.
 
@@ -83,6 +86,12 @@ def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detecti
     where those that it finds are so short that it may have missed as many.
     """
     count = None if rest is None else log.rows_within(rest)
+    if rest is not None and log.time[0] + rest > log.time[-1] + 1.0 / log.rate:
+        msg = (
+            f"the initial rest is stated as {rest:g} s, and {log.path} lasts "
+            f"{log.time[-1] - log.time[0]:.2f} s; state how long its first rest lasts"
+        )
+        raise InputError(msg)
     found: Detection | None = None
     refusal: RefusedError | None = None
     for window in WINDOWS:
@@ -133,11 +142,12 @@ def _detection(
     levels = (_level(log, window, least, *at) for at in judged if len(at[1]) >= least)
     best = next(levels, None)
     if best is None:
+        most = max(len(intervals) for _, intervals in every)
         msg = (
-            f"at most {max(len(intervals) for _, intervals in every)} static "
-            f"interval(s) found, and a calibration needs {PARAMETERS} or more, each "
-            "from a rest of two seconds or longer; hold the sensor still in more "
-            "poses, or state the initial rest (--rest SECONDS) if it was found wrongly"
+            f"at most {counted(most, 'static interval')} found, and a calibration "
+            f"needs {PARAMETERS} or more, each from a rest of two seconds or longer; "
+            "hold the sensor still in more poses, or state the initial rest (--rest "
+            "SECONDS) if it was found wrongly"
         )
         raise RefusedError(msg)
     return Detection(even.block, initial, best, levels)

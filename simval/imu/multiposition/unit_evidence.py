@@ -1,4 +1,4 @@
-r"""What readings show of their unit and their axes, whatever the header says.
+r"""What readings show of their unit and axes, whatever a header says.
 
 **A vector of known length.** At rest an accelerometer reads gravity, and a magnetometer
 the Earth's field. If the sensor was turned to all sides, an ellipsoid along its axes
@@ -41,7 +41,7 @@ SAME: Final = int(np.argmax(np.linalg.trace(ORDERS)))
 
 
 class Seen(NamedTuple):
-    """What readings show of one unit of theirs, and of their axes."""
+    """What the readings of a sensor show of their unit and axes."""
 
     size: float = np.nan  # SI units in it; NaN where they show nothing
     low: float = 0.0  # SI units that are possible
@@ -76,7 +76,7 @@ _OTHER: Final = 10.0  # times that of the best axes, beyond which axes are wrong
 def seen_of(
     log: Log, stated: Mapping[str, float], matrices: Mapping[str, Float[Array, "3 3"]]
 ) -> dict[str, Seen]:
-    """What the readings of each sensor show.
+    """Find what the readings of each sensor show of their units.
 
     `stated` are SI units in one of theirs; `matrices` of calibrations, which take them
     to SI units on the axes of the accelerometer, say more than the readings alone.
@@ -218,10 +218,10 @@ WORSE, FLOOR = 3.0, 0.1
 Recordings leave 0.01 to 0.05 rad, and 0.15 and more with half the rate."""
 ABSURD: Final = 0.5  # rad; beyond it where no turn at all would fit, too
 SCALE: Final = 1.15  # of a gyroscope, and of the log's clock, off their units
-ABOUT: Final = 1.25  # that the size may be off, beside it, to name a unit
+ABOUT: Final = 1.25  # factor by which the size may be off for a unit to be named
 _STEPS: Final = 1.1 ** np.arange(-1.0, 2.0)  # to a neighbouring size, and back
 _LEAST, _MOST = 0.02, 30.0  # rad; what a typical pair is taken to turn
-_STILL: Final = 0.2  # of what the pair turns that turns most; less tells nothing
+_STILL: Final = 0.2  # of the turn of the pair that turns most; less shows nothing
 
 
 def _by_turns(

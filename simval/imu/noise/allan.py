@@ -70,7 +70,7 @@ so that what theory says of their mean squares, a covariance, says enough of the
 
 
 def averaging_counts(n: int, per_octave: int = PER_OCTAVE) -> Int[np.ndarray, " m"]:
-    """Rows to an average, from 1 to a tenth of a signal, evenly on a log scale.
+    """Numbers of rows to average, evenly spaced on a log scale.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def allan_variance(
 
 
 def checked_counts(counts: Any, n: int) -> Int[np.ndarray, " m"]:
-    """Require whole numbers of rows that fit twice into a signal.
+    """Check numbers of rows that fit at least twice into a signal.
 
     Raises
     ------
@@ -184,7 +184,7 @@ _WEIGHTS: Final = np.array([1.0, -2.0, 1.0])
 
 
 def allan_law(counts: Any) -> Float[np.ndarray, "m 4"]:
-    """Allan variance that one unit of N^2, B^2, K^2 and Q^2 leaves, eq. (V3).
+    """Allan variance for one unit of N^2, B^2, K^2 and Q^2 each, eq. (V3).
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def allan_law(counts: Any) -> Float[np.ndarray, "m 4"]:
 def covariance_forms(
     counts: Any, n: int, further: Sequence[Component] = ()
 ) -> Float[np.ndarray, "m m k k"]:
-    """Matrices of the quadratic forms (V4) in (N^2, B^2, K^2, Q^2) and further ones.
+    """Matrices of the quadratic forms (V4) in N^2, B^2, K^2, Q^2 and others.
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def allan_covariance(
 
 
 class Forms(dict[tuple[Component, Component], Float[np.ndarray, "m m"]]):
-    """What the squares of two components add to (V4), made when it is asked for.
+    """Terms of (V4) for each pair of components, computed when they are needed.
 
     So is what a component has at each lag, however many others it stands beside.
     """
@@ -295,7 +295,7 @@ class Forms(dict[tuple[Component, Component], Float[np.ndarray, "m m"]]):
     def __missing__(
         self, pair: tuple[Component, Component]
     ) -> Float[np.ndarray, "m m"]:
-        """Sum over the lags."""
+        """Compute the term of a pair as a sum over the lags."""
         one, other = pair
         if "A" in (one.kind, other.kind):
             sine, beside = pair if one.kind == "A" else (other, one)

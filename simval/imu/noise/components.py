@@ -1,4 +1,4 @@
-r"""Components of the noise of a rate signal: a row of the table for each.
+r"""Components of the noise of a rate signal: a table with a row for each.
 
 A component is its Allan variance and its spectrum, of both signs of the frequency, as
 IEEE 952 (annex C) has them, and its covariance (V1), (V11), for one unit of its square.
@@ -40,7 +40,7 @@ KINDS: Final = ("N", "B", "K", "Q")  # that are always asked for, in order
 
 
 class Letter(NamedTuple):
-    """What a coefficient is, and its unit."""
+    """Name and unit of a coefficient."""
 
     words: str
     raw_unit: str
@@ -63,7 +63,7 @@ LETTERS: Final = {
 
 
 class Process(NamedTuple):
-    """A kind of component, for one unit of its square in units of rows."""
+    """A kind of component, for a unit square coefficient and a unit rate."""
 
     letter: str
     """Its coefficient: Markov noise and the walk share one, their driving noise."""
@@ -84,11 +84,11 @@ class Component(NamedTuple):
 
     @property
     def process(self) -> Process:
-        """Its row of the table."""
+        """The component's row of the table."""
         return PROCESSES[self.kind]
 
     def law(self, counts: Any) -> Float[Array, " m"]:
-        """Allan variance of one unit of its square."""
+        """Allan variance for a square coefficient of one."""
         return self.process.law(np.asarray(counts, dtype=float), self.rows)
 
 

@@ -1,4 +1,4 @@
-r"""Which components a signal's noise has: slow noise of several kinds, by evidence.
+r"""Choose the components of a signal's noise, the slow ones by evidence.
 
 White noise, flicker and a random walk are fitted first. Where that shows flicker or a
 walk, or does not fit, others may explain the same averages: in place of the walk K,
@@ -55,12 +55,12 @@ Components = tuple[Component, ...]
 
 
 def kinds_of(components: Components) -> str:
-    """Kinds of a set but for a sine: what one axis and another may have alike."""
+    """Kinds of the components without the sine, to compare axes by."""
     return "".join(c.kind for c in components if c.kind != "A")
 
 
 class Family:
-    """Laws and forms of components for signals of one length, each made once."""
+    """Laws and forms for signals of one length, each computed once."""
 
     def __init__(
         self, counts: Int[Array, " m"], rows: int, kinds: Sequence[str]
@@ -73,7 +73,7 @@ class Family:
     def problem(
         self, variances: Float[Array, "s m"], *sets: Components
     ) -> AllanProblem:
-        """Least squares problem of a set of components, or of another each signal."""
+        """Least-squares problem for one set of components, or a set for each signal."""
         law = np.array([[each.law(self.counts) for each in some] for some in sets])
         forms = np.array(
             [[[self._forms[a, b] for b in some] for a in some] for some in sets]
@@ -86,7 +86,7 @@ class Family:
         return made
 
     def of(self, places: NDArray[np.intp]) -> "Family":
-        """Take some of the lengths: few have forms that are made in no time."""
+        """The same for some of the averaging lengths."""
         counts = self.counts[places]
         known = tuple(counts.tolist())
         if known not in self._some:
@@ -95,7 +95,7 @@ class Family:
 
 
 class Chosen(NamedTuple):
-    """Components of a signal, and lengths that follow them."""
+    """Components chosen for a signal, and the averaging lengths used."""
 
     used: tuple[int, int]
     found: Squares
@@ -121,11 +121,11 @@ class Chosen(NamedTuple):
 
     @property
     def components(self) -> Components:
-        """The stated set."""
+        """The set of components that is stated."""
         return self.likely[0]
 
     def letter(self, component: Component, components: Components) -> str:
-        """Coefficient of a component of a set.
+        """Letter of the coefficient of a component in a set.
 
         Markov noise has q where a walk is beside it, and alone where it is no walk
         itself and one may be beside it; else K, of the walk that it may be.
@@ -139,7 +139,7 @@ class Chosen(NamedTuple):
 
 
 def may_be_walk(likely: Iterable[Components]) -> bool:
-    """Whether a walk without Markov noise is likely."""
+    """True if a walk without Markov noise is among the likely sets."""
     kinds = [{c.kind for c in each} for each in likely]
     return any("K" in each and "M" not in each for each in kinds)
 
@@ -153,7 +153,7 @@ def weighed(
     refused: Set[str] = frozenset(),
     both: bool = True,
 ) -> Chosen | None:
-    """Choose components for some of the lengths; None if no set fits them.
+    """Choose components over some averaging lengths; None if no set fits.
 
     `slow` is what `is_slow` says of these lengths without a sine, where it is known;
     `refused` are kinds of sets that the axes of the sensor leave out; `both` asks for a
@@ -180,7 +180,7 @@ def weighed(
     sets, bare = _slow(few, some, extra, both) if slow else ({plain: 0.0}, np.inf)
     tried = sets
     sets = {each: D for each, D in sets.items() if kinds_of(each) not in refused}
-    # beside a walk, a ramp must show itself, or be all that is needed
+    # with a walk, a ramp must be visible itself, or be all that is needed
     least = min(sets.values())
     walk = (*plain, RAMP)
     alone = sets.get((*family.fast, RAMP, *extra), np.inf) - least <= LIKELY
@@ -214,7 +214,7 @@ def weighed(
 
 
 def refused_together(axes: Sequence[Chosen]) -> Set[str]:
-    """Kinds of sets that axes of one sensor, whose noise is of one kind, leave out.
+    """Kinds of sets to exclude so that all axes of a sensor have one kind.
 
     Those that others, no larger and not more general, exceed by `EVIDENCE` on all axes
     with slow noise together, and by a share of it without the axis that says most. The
@@ -253,7 +253,7 @@ def refused_together(axes: Sequence[Chosen]) -> Set[str]:
 def _likely(
     sets: dict[Components, float], plain: Components, walk: Components
 ) -> list[Components]:
-    # those that the signal does not tell apart, the simplest first
+    # those that the signal cannot distinguish, the simplest first
     limit = min(sets.values()) + LIKELY
     likely = [each for each in sorted(sets, key=sets.__getitem__) if sets[each] < limit]
     if any(RAMP in each for each in likely) and walk not in likely:
@@ -285,7 +285,7 @@ def _times_left(
 def is_slow(
     problem: AllanProblem, components: Components, found: Squares
 ) -> Bool[Array, " s"]:
-    """Whether each signal shows flicker or a walk, or needs it beside white noise."""
+    """True for each signal that has flicker or a walk, or needs one to fit."""
     slow = np.array([each.kind in "BK" for each in components])
     (low,) = ends(problem, found, (-Z,))
     law, forms = problem.law[:, ~slow], problem.forms[..., ~slow][..., ~slow, :]
@@ -305,7 +305,7 @@ def _deviances(
 
 
 def by_size(sets: Iterable[Components]) -> list[list[Components]]:
-    """Sets that are one problem each: of as many components."""
+    """Group sets of components by their number, to be fitted together."""
     return [list(some) for _, some in groupby(sorted(sets, key=len), len)]
 
 
@@ -368,7 +368,7 @@ def _between(
 
 
 class Line(NamedTuple):
-    """A line of a spectrum."""
+    """A peak of a spectrum."""
 
     period: float = 0.0
     """Rows; 0 if there is none."""
@@ -377,12 +377,12 @@ class Line(NamedTuple):
 
     @property
     def component(self) -> Component:
-        """The sine that it is."""
+        """The sine that makes the peak."""
         return Component("A", self.period)
 
 
 def line_of(signal: Float[Array, " n"]) -> Line:
-    """Find the highest line of a signal's spectrum.
+    """Find the highest peak in a signal's spectrum.
 
     A line stands above a smooth curve through the logarithms of the periodogram by
     more than noise does in one signal of 10 000, and alone: no band of noise is one.
@@ -430,7 +430,7 @@ NAMES: Final = {
 def words_of(
     chosen: Chosen, seen: Set[str], slow: SlowNoise | None, rate_hz: float, unit: float
 ) -> list[str]:
-    """Say what was chosen beside N, B and K, and what is not told apart.
+    """Say what was chosen besides N, B and K, and what cannot be told apart.
 
     `seen` are the letters of the coefficients that the signal shows.
     """

@@ -61,7 +61,7 @@ _FEW: Final = 4  # readings to a value: with fewer the steps between them are ch
 
 
 def rounding_step(signal: Float[Array, " n"]) -> float:
-    """Step of which all differences of readings are multiples; 0 if there is none."""
+    """Step of which all differences of readings are multiples; 0 without one."""
     values = np.unique(signal)
     if not 2 <= len(values) <= len(signal) / _FEW:
         return 0.0
@@ -336,7 +336,7 @@ def _weighed(
         else range(0, 1 if certain else size - LEAST_POINTS, PER_OCTAVE)
     )
     for used in dict.fromkeys([*((k, size) for k in starts), plain.used]):
-        # a walk beside Markov noise explains no filter of the sensor
+        # a walk with Markov noise is no explanation of a filter in the sensor
         both = certain or (fits and used[0] >= first)
         chosen = weighed(family, variances, used, line, slow, refused, both)
         if chosen is not None:
@@ -366,8 +366,8 @@ def _statements(
         )
     if last < len(seconds):
         said.append(
-            f"averages over more than {seconds[last - 1]:.3g} s drift otherwise than "
-            "these components do (temperature?) and are left out"
+            f"averages over more than {seconds[last - 1]:.3g} s follow none of these "
+            "components and are left out: a drift, of temperature perhaps"
         )
     return said
 
@@ -495,14 +495,14 @@ _LEAST: Final = 3  # readings; fewer tell no step
 
 
 class OwnReadings(NamedTuple):
-    """Readings as the sensor made them, and the rows of the log to each."""
+    """The sensor's own readings, and how many rows of the log repeat each."""
 
     rows: Float[Array, "k axes"]
     each: float  # 1 where every row is a reading
 
 
 def own_readings(rows: Float[Array, "n axes"]) -> OwnReadings:
-    """Take each reading once, where each stands in as many rows as the others.
+    """Take each reading once, if all are repeated in equally many rows.
 
     Raises
     ------
@@ -568,7 +568,7 @@ def noise_of_readings(
 
 
 def rows_to_a_reading(rows: Float[Array, "n axes"]) -> float:
-    """Mean number of rows that a reading stands in, 1 where each row is a reading."""
+    """Mean number of rows that repeat a reading; 1 if none are repeated."""
     changed = np.diff(rows, axis=0) != 0.0
     return 1.0 / float(changed.any(axis=1).mean()) if _held(changed) else 1.0
 

@@ -1,4 +1,4 @@
-r"""Squares of the components of noise, by least squares on Allan variances.
+r"""Fit the squares of noise coefficients to Allan variances by least squares.
 
 The Allan variances y of a signal are linear in the squares, :math:`y
 = X \theta`, and their covariance (V4) is a quadratic form in the same numbers. So the
@@ -47,7 +47,7 @@ Z: Final = 1.959963984540054  # of 95 %, both ends together
 
 
 class AllanProblem(NamedTuple):
-    """Allan variances of signals of the same length, and what theory says of them.
+    """Allan variances of signals of equal length, and the laws to fit to them.
 
     Theory is of the same components for all signals, or of others for each.
     """
@@ -60,7 +60,7 @@ class AllanProblem(NamedTuple):
     )
 
     def of(self, signals: NDArray[np.intp]) -> "AllanProblem":
-        """Take some of the signals, each as often as it is named."""
+        """Select signals, some perhaps more than once."""
         if self.law.ndim == 2:
             return AllanProblem(self.variances[signals], self.law, self.forms)
         places = signals if self.places is None else self.places[signals]
@@ -69,14 +69,14 @@ class AllanProblem(NamedTuple):
         )
 
     def part(self, first: int, last: int) -> "AllanProblem":
-        """Take some of the lengths."""
+        """Select a range of averaging lengths."""
         some = slice(first, last)
         forms = self.forms[..., some, some, :, :]
         law = self.law[..., some, :]
         return AllanProblem(self.variances[:, some], law, forms, self.places)
 
     def covariance(self, squares: Float[Array, "s k"]) -> Float[Array, "s m m"]:
-        """Covariance (V4) of each signal with these squares."""
+        """Covariance (V4) of each signal's Allan variances for these squares."""
         if self.places is None:
             return allan_covariance(self.forms, squares)
         made = np.empty((*self.variances.shape, self.variances.shape[1]))
@@ -99,7 +99,7 @@ class Squares(NamedTuple):
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Whether each signal may have these components, and no others."""
+        """True for each signal that these components suffice to explain."""
         return self.p_value >= FALSE_ALARM
 
 
@@ -141,7 +141,7 @@ def fitted(problem: AllanProblem) -> Squares:
 def ends(
     problem: AllanProblem, found: Squares, sides: tuple[float, ...] = (-Z, Z)
 ) -> tuple[Float[Array, "s k"], ...]:
-    """Lower and upper ends (V6) of the 95 % intervals of each signal, or one of them.
+    """Ends (V6) of the 95 % intervals of each signal, both or one.
 
     The lower is 0 where the coefficient is not seen, the upper infinite where nothing
     bounds it.
@@ -177,7 +177,7 @@ def ends(
 
 
 def greatest(problem: AllanProblem) -> Float[Array, "s k"]:
-    """Squares that alone would exceed the Allan variances of each signal.
+    """Squares so large that each alone would exceed the Allan variances.
 
     At some length by `FAR` standard deviations of what the square alone would scatter
     by; other noise only adds to it. Where (V6) bounds nothing, this does. It is no
@@ -199,7 +199,7 @@ def _whitened(
     share = 1.0 / scale
     size, count = problem.law.shape[-2:]
     # below the covariance the law and the variances: so they are below its factor,
-    # divided by it, whatever is beside them
+    # divided by it, whatever other components there are
     whole = np.zeros((len(scale), size + count + 1, size + count + 1))
     near, rows = whole[:, :size, :size], whole[:, size:, :size]
     np.multiply(covariance, share[:, :, None], out=near)

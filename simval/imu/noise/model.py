@@ -58,7 +58,7 @@ class Coefficient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlowNoise:
-    """Noise other than white noise and a sine, and what a filter is given for it.
+    """Slow noise of a signal, and the random walk that a filter is given for it.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class SlowNoise:
 
     @property
     def is_walk(self) -> bool:
-        """Whether it is a walk as far as is seen, or Markov noise alone."""
+        """True if the slow noise seen is a random walk, with a ramp at most."""
         return "K" in self.seen and set(self.seen) <= {"K", "T"}
 
 
@@ -151,14 +151,14 @@ class AxisNoise(ReadOnly):
 
     @property
     def given(self) -> tuple[Coefficient, ...]:
-        """Coefficients with the equivalent walk for K, where the slow noise is none."""
+        """The coefficients, K an equivalent walk if the slow noise is no walk."""
         if self.slow is None or self.slow.is_walk:
             return self.coefficients
         others = (c for c in self.coefficients if c.kind != "K")
         return (*others, self.slow.walk)
 
     def law(self, seconds: Float[Array, " t"]) -> Float[Array, " t"]:
-        """Allan variance of the fitted model.
+        """Allan variance of the fitted model at averaging times.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class AxisNoise(ReadOnly):
 
 
 class Largest(NamedTuple):
-    """What is given to a program that knows white noise and a random walk."""
+    """A coefficient for programs that know only white noise and a random walk."""
 
     value: float | None  # the largest of the axes
     bound: float | None  # the largest of the axes that show nothing
@@ -222,7 +222,7 @@ class Largest(NamedTuple):
 def largest(
     axes: Sequence[AxisNoise], kind: str, scales: Float[Array, " axes"]
 ) -> Largest:
-    """N or K of the three axes: the largest that is seen, and the largest bound."""
+    """Largest N or K of the three axes, and the largest bound where none is seen."""
     seen: list[tuple[float, float | None, float, float]] = []
     bounds = []
     for axis, scale in zip(axes, scales.tolist(), strict=True):
@@ -243,7 +243,7 @@ def largest(
 
 
 def equivalent_words(horizon: float | None) -> str:
-    """Say of a random walk that it is equivalent; nothing of one that was measured."""
+    """Say that a random walk is only equivalent; empty if it was measured."""
     if horizon is None:
         return ""
     return f"equivalent over up to {horizon:.3g} s, not a random walk that was measured"
@@ -285,7 +285,7 @@ class NoiseFile:
 
 
 def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
-    """Return the noise of one signal as plain JSON values; infinite becomes null."""
+    """Return the noise of one signal as plain JSON values; infinity becomes null."""
     return {
         "rate_hz": axis.rate_hz,
         "rows": axis.rows,
@@ -332,7 +332,7 @@ def _coefficient(found: Coefficient) -> dict[str, float | None]:
 
 
 def axis_from_json(data: dict[str, Any]) -> AxisNoise:
-    """Rebuild the noise of one signal.
+    """Read the noise of one signal from JSON values.
 
     Raises
     ------

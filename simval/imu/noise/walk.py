@@ -1,4 +1,4 @@
-r"""Random walk that a filter is given in place of slow noise of another kind.
+r"""Random walk given to a filter in place of slow noise of another kind.
 
 Filters and calibrations of cameras know two numbers of a sensor: white noise N and a
 random walk K of its bias. Where the slow noise is no walk, or its kind cannot be told,
@@ -43,11 +43,11 @@ _TIMES: Final = 256  # over the horizon, evenly on a log scale
 def equivalent_walk(
     slow: Float[Array, "... t"], white: Float[Array, "... t"], times: Float[Array, " t"]
 ) -> Float[Array, "..."]:
-    """Square of the equivalent walk (V14) by Allan variances up to the horizon."""
+    """Squared coefficient of the equivalent walk (V14), up to the horizon."""
     cover = np.where(slow >= white, slow, 0.0)
     cover[..., -1] = slow[..., -1]
     least = (slow - EXCESS * white) / (1.0 + EXCESS)
-    return 3.0 * np.max(np.maximum(cover, least) / times, axis=-1)
+    return np.asarray(3.0 * np.max(np.maximum(cover, least) / times, axis=-1))
 
 
 def walks_of(
@@ -56,7 +56,7 @@ def walks_of(
     sets: Sequence[tuple[Component, ...]],
     span: tuple[float, float],
 ) -> dict[tuple[Component, ...], tuple[float, float, float]]:
-    """Equivalent walk of each set of components fitted to one signal, and its ends.
+    """Equivalent walk of each fitted set of components, with its interval.
 
     Squares in units of rows; of sets with slow noise. The ends are those of the size of
     the slow noise, its shape the fitted one: where the shape is not known, the signal

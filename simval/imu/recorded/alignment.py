@@ -1,4 +1,4 @@
-r"""The truth on the log's clock, in the sensor's axes, in the world north-west-up.
+r"""Bring the truth to the log's clock, the sensor's axes and a north-west-up world.
 
 First the offsets that are likely, then a fit at each for each class of meaning
 (`simval.imu.recorded.attitudes`), the best of them, its error bars, and its world.
@@ -77,7 +77,7 @@ LONGEST: Final = 1 << 20  # ticks of an even clock: 29 hours
 
 
 def likely_offsets(signals: Signals, attitudes: Attitudes) -> list[float]:
-    """Offsets of the truth's clock against the log's, s, the likeliest first.
+    """Possible offsets of the truth's clock from the log's, s, the likeliest first.
 
     Raises
     ------
@@ -149,7 +149,7 @@ STEEP: Final = 1e6  # condition of X'X beyond which an axis was not turned about
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TurnFit(ReadOnly):
-    """Least squares of eq. (R3)."""
+    """Least-squares solution of eq. (R3)."""
 
     offset: float  # s, at `middle`: what the truth's clock shows minus the log's
     drift: float  # of that, s a second
@@ -165,7 +165,7 @@ class TurnFit(ReadOnly):
 
     @property
     def scale(self) -> float:
-        """Raw units per rad/s, the mean of the three axes."""
+        """Raw units per rad/s, mean of the three axes."""
         return float(abs(np.linalg.det(self.linear)) ** (1.0 / 3.0))
 
 
@@ -177,7 +177,7 @@ def fit_turns(
     steps: int = STEPS,
     drifts: bool = False,
 ) -> TurnFit:
-    """Fit eq. (R3) from an offset that is right to a stretch or so.
+    """Fit eq. (R3), starting from an offset that is right to about one stretch.
 
     Raises
     ------
@@ -296,7 +296,7 @@ class TurnErrors:
 
 
 def turn_errors(fit: TurnFit) -> TurnErrors:
-    """Error bars by blocks of equal information, eq. (R2), and the delta method.
+    """Error bars from blocks of equal information, eq. (R2), by the delta method.
 
     A change dL turns the polar factor, Q exp([a x]), by the antisymmetric part of
     Q'dL = [a x] P + dP:  (tr P I - P) a = the axial vector of Q'dL - (Q'dL)'.
@@ -348,7 +348,7 @@ a filter would be that of the alignment."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alignment(ReadOnly):
-    """Clock, axes and world of a truth against its log.
+    """Clock, axes and world of a truth, relative to its log.
 
     Attributes
     ----------
@@ -393,12 +393,12 @@ class Alignment(ReadOnly):
 
     @property
     def drift(self) -> Measured:
-        """Growth of that offset, s a second."""
+        """Growth of the offset, s per second."""
         return Measured(value=self.fit.drift, sd=self.errors.drift, dof=self.errors.dof)
 
     @property
     def axes(self) -> tuple[Measured, ...]:
-        """The rotation vector with its error bars, rad."""
+        """Turn between sensor and truth, a rotation vector with error bars, rad."""
         sd = np.sqrt(np.diagonal(self.errors.rotation))
         return tuple(
             Measured(value=float(v), sd=float(s), dof=self.errors.dof)
@@ -623,7 +623,7 @@ def _noise(read: Attitudes, spans: Float[Array, "m 2"]) -> Float[Array, "3"]:
 
 
 def stated_axes(words: str) -> Float[Array, "3 3"]:
-    """Axes of a sensor in those of a body, one a row, by words such as ``x,-z,y``.
+    """Read the axes of a sensor in those of a body, such as ``x,-z,y``.
 
     Raises
     ------
@@ -657,7 +657,7 @@ def prepared(
     find_rows: bool = True,
     axes: Float[Array, "3 3"] | None = None,
 ) -> tuple[Signals, Alignment | None]:
-    """Readings in SI units, and the truth aligned with them.
+    """Readings of a log in SI units, with the truth aligned to them.
 
     The rows of the gyroscope are the log's, or, with their delay, of the kind that is
     found.

@@ -1,4 +1,4 @@
-r"""Recorded quaternions: their meaning, attitudes between rows, turns in a stretch.
+r"""Recorded quaternions: what they mean, attitudes between rows, turns in a stretch.
 
 Four numbers can be read scalar first or last, and as taking the world to the body or
 the body to the world. A quaternion read in another order is the same one under an
@@ -48,7 +48,7 @@ class Meaning:
 
 
 def meanings(scalar: Scalar) -> tuple[Meaning, ...]:
-    """All meanings that the names of the columns leave open."""
+    """All meanings that the names of the columns allow."""
     orders: tuple[Literal["first", "last"], ...] = (
         ("first", "last") if scalar == "unstated" else (scalar,)
     )
@@ -61,14 +61,14 @@ def meanings(scalar: Scalar) -> tuple[Meaning, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Attitudes(ReadOnly):
-    """Attitudes world to body at the times that have one, with holes between."""
+    """Attitudes world to body at recorded times, with holes."""
 
     time: Float[Array, " n"]  # s
     q: Float[Array, "n 4"]  # signs continuous
     step: float  # median between rows, s
 
     def at(self, wanted: Float[Array, " m"]) -> Float[Array, "m 4"]:
-        """Attitudes at some times by six neighbours' polynomial; NaN in a hole.
+        """Attitudes at other times by a polynomial of six neighbours; NaN in holes.
 
         The first neglected term is of sixth order in the step.
         """
@@ -95,7 +95,7 @@ class Attitudes(ReadOnly):
 
 
 def meant(components: Float[Array, "n 4"], meaning: Meaning) -> Float[Array, "n 4"]:
-    """Recorded numbers as attitudes world to body, by a meaning."""
+    """Attitudes world to body from recorded numbers, for a meaning."""
     q = np.roll(components, -1, axis=1) if meaning.scalar == "first" else components
     return conjugate(q) if meaning.takes == "world to body" else q
 
@@ -103,7 +103,7 @@ def meant(components: Float[Array, "n 4"], meaning: Meaning) -> Float[Array, "n 
 def attitudes(
     time: Float[Array, " n"], components: Float[Array, "n 4"], meaning: Meaning
 ) -> Attitudes:
-    """Read quaternions by a meaning, without the rows that are missing."""
+    """Attitudes world to body for a meaning, without rows that are missing."""
     there = np.isfinite(components).all(axis=1)
     q = meant(components[there], meaning)
     flips = np.where(np.vecdot(q[1:], q[:-1]) < 0.0, -1.0, 1.0)
@@ -145,7 +145,7 @@ def of_matrix(matrix: Float[Array, "3 3"]) -> Float[Array, "4"]:
 def rotated(
     q: Float[Array, "n 4"], vectors: Float[Array, "n 3"]
 ) -> Float[Array, "n 3"]:
-    """A(q)' v: vectors in body axes as the world has them; NaN stays NaN."""
+    """Vectors in body axes turned into the world, A(q)' v; NaN stays NaN."""
     e, s = q[..., :3], q[..., 3:]
     twice = 2.0 * np.cross(e, vectors)
     return vectors + s * twice + np.cross(e, twice)
@@ -154,7 +154,7 @@ def rotated(
 def composed(
     first: Float[Array, "... 4"], then: Float[Array, "... 4"]
 ) -> Float[Array, "n 4"]:
-    """Composition, A(then) A(first); NaN where either is."""
+    """Composition A(then) A(first); NaN where either is NaN."""
     there = np.isfinite(first + then).all(axis=1, keepdims=True)
     still = [0.0, 0.0, 0.0, 1.0]
     first, then = np.where(there, first, still), np.where(there, then, still)
@@ -171,7 +171,7 @@ order in it."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stretches(ReadOnly):
-    """Stretches of a log, and what its gyroscope turned by in each."""
+    """Stretches of a log, and the turn in each by its gyroscope."""
 
     time: Float[Array, "m s"]  # of the attitudes in each, the two ends among them, s
     turn: Float[Array, "m 3"]  # sums y_j, raw units times s
@@ -180,12 +180,12 @@ class Stretches(ReadOnly):
 
     @property
     def seconds(self) -> Float[Array, " m"]:
-        """Length of each, s."""
+        """Length of each stretch, s."""
         return self.time[:, -1] - self.time[:, 0]
 
     @property
     def middle(self) -> Float[Array, " m"]:
-        """Middle of each, s."""
+        """Middle of each stretch, s."""
         return 0.5 * (self.time[:, -1] + self.time[:, 0])
 
     def truth(
@@ -204,7 +204,7 @@ class Stretches(ReadOnly):
 def stretches(
     time: Float[Array, " n"], gyro: Float[Array, "n 3"], *, coarse: bool = False
 ) -> Stretches:
-    """Cut a log into stretches; coarse ones take the attitudes at their ends only."""
+    """Cut a log into stretches; coarse ones use the attitudes at their ends only."""
     step = float(np.median(np.diff(time)))
     inner = max(1, round(STEP / step))
     count = max(1, round(STRETCH / (inner * step)))

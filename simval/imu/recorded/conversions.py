@@ -1,4 +1,4 @@
-r"""Settings of a filter as other projects state them.
+r"""Settings of a filter in the terms of other projects.
 
 With N and K of the gyroscope, R the noise of a row of a vector sensor of the length v,
 f the rows a second of the filter they were found for, and h the time that one step or
@@ -56,7 +56,7 @@ GAUSS: Final = 1e4  # in a tesla
 
 
 class Given(NamedTuple):
-    """What a filter is given, SI."""
+    """Noise and start that a filter is given, SI units."""
 
     noise: Mapping[str, float]  # N, K, and of each vector sensor, per root hertz
     rate: float  # rows a second
@@ -65,7 +65,7 @@ class Given(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """A project's number for one noise."""
+    """How a project states one noise."""
 
     of: str
     every: float = 1.0  # s, that a step or reading with it is of; 1 of a density
@@ -138,7 +138,7 @@ def settings_of(project: str, given: Given) -> dict[str, Any]:
 
 
 def settings_file(project: str, given: Given) -> tuple[str, list[str]]:
-    """Text of a project's file with the settings, and what to know of it."""
+    """Text of a project's settings file, and remarks on it."""
     notes, values = list(NOTES[project]), settings_of(project, given)
     for name, own in SETTINGS[project].items():
         ends = own.documented

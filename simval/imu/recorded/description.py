@@ -1,4 +1,4 @@
-"""What filters made of a log, as an account and as JSON (SI units, radians)."""
+"""Results of filters on a log, as an account and as JSON (SI units, radians)."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -32,7 +32,7 @@ WORLDS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilteredLog(Told):
-    """What filters made of one log.
+    """Results of filters on one log.
 
     Attributes
     ----------
@@ -62,14 +62,17 @@ class FilteredLog(Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the filters."""
         facts = [*self.found.facts, *row_facts(self.found.evidence), *self.start.facts]
         if self.alignment is not None and self.recorded is not None:
             facts += alignment_facts(self.alignment, self.recorded)
-        return filters_account(self.done, self.failed, facts, self.quaternions)
+        return filters_account(
+            self.done, self.failed, facts, self.quaternions,
+            mistaken=any(each.said for each in self.found.scales),
+        )  # fmt: skip
 
     def as_object(self, log: Log) -> dict[str, Any]:
-        """The log, its truth and the filters' measures as plain JSON values."""
+        """Return the log, its truth and the filters' errors as plain JSON values."""
         found, start, truth = self.found, self.start, None
         if self.alignment is not None and self.recorded is not None:
             truth = truth_object(self.alignment, self.recorded)
@@ -96,7 +99,7 @@ class FilteredLog(Told):
 
 
 def alignment_facts(alignment: Alignment, recorded: Truth) -> list[Fact]:
-    """The truth and what lies between it and the log, with standard deviations."""
+    """State how the truth was aligned with the log, with standard deviations."""
     offset, drift = alignment.offset, alignment.drift
     world, fit = alignment.world, alignment.fit
     missing = 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0])))
@@ -146,7 +149,7 @@ def _listed(values: Iterable[tuple[float, float]]) -> str:
 
 
 def row_facts(evidence: RowEvidence | None) -> tuple[Fact, ...]:
-    """What a gyroscope's rows are taken as and what the log says of it.
+    """State how a gyroscope's rows are taken, and what the log shows of that.
 
     And of a magnetometer, which may be late itself.
     """
@@ -214,7 +217,7 @@ def _world(alignment: Alignment) -> str:
 
 
 def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
-    """The truth and its alignment as plain JSON values; half widths are of 95 %."""
+    """The truth and its alignment as plain JSON values, with 95 % half widths."""
     world, fit, errors = alignment.world, alignment.fit, alignment.errors
     return {
         "columns": list(recorded.columns),
@@ -255,7 +258,7 @@ def _measured(each: Measured) -> dict[str, Any]:
 
 
 def evaluation_object(each: Evaluation) -> dict[str, Any]:
-    """One filter's measures as plain JSON values, in SI units and radians."""
+    """The errors of one filter as plain JSON values, in SI units and radians."""
     found: dict[str, Any] = {
         "filter": each.run.name,
         "world": each.run.world,
@@ -318,7 +321,7 @@ def _plain(each: NormalisedSquare | RowCentre) -> dict[str, Any]:
 
 
 def rows_object(evidence: RowEvidence | None) -> dict[str, Any] | None:
-    """What a gyroscope's rows are taken as, and by what, as plain JSON values, s."""
+    """How a gyroscope's rows are taken, and why, as plain JSON values, s."""
     if evidence is None:
         return None
     remedy, compass = evidence.remedy, evidence.compass

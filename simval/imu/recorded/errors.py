@@ -1,4 +1,4 @@
-r"""Errors of a filter against the truth, their error bars, and verdicts from them.
+r"""Errors of a filter against the truth, with error bars and verdicts.
 
 **Error bars** of a fit whose residuals are correlated leave out one block at a time.
 The rows are cut into blocks of time with equal shares of the information. Residuals
@@ -53,7 +53,7 @@ COVERAGE: Final = 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """A number with its error bar."""
+    """A number with its standard deviation."""
 
     value: float
     sd: float
@@ -61,7 +61,7 @@ class Measured:
 
     @property
     def half(self) -> float:
-        """Half width of the 95 % interval, Student's t."""
+        """Half width of the 95 % interval, by Student's t."""
         return self.sd * quantile(self.dof)
 
 
@@ -73,7 +73,7 @@ def quantile(dof: int, coverage: float = COVERAGE) -> float:
 def block_of(
     weight: Float[Array, " m"], blocks: int = BLOCKS
 ) -> tuple[Int[np.ndarray, " m"], int]:
-    """Block of each row, of equal shares of a weight, and how many there are."""
+    """Cut rows into blocks of equal weight; the block of each, and their number."""
     share = np.cumsum(weight) / np.sum(weight)
     found = np.minimum((share * blocks * (1.0 - 1e-12)).astype(int), blocks - 1)
     _, number = np.unique(found, return_inverse=True)
@@ -86,7 +86,7 @@ def jackknife(
     residuals: Float[Array, "m k"],
     block: Int[np.ndarray, " m"],
 ) -> Float[Array, "p p"]:
-    """Covariance of a solution by eq. (R2)."""
+    """Covariance of a least-squares solution by the jackknife, eq. (R2)."""
     count, p = int(block.max()) + 1, rows.shape[-1]
     each_H = np.einsum("mkp,mkq->mpq", instruments, rows)
     each_g = np.einsum("mkp,mk->mp", instruments, residuals)
@@ -101,7 +101,7 @@ def jackknife(
 def mean_with_error(
     values: Float[Array, "m k"], blocks: int = BLOCKS
 ) -> tuple[Float[Array, " k"], Float[Array, "k k"], int]:
-    """Mean of correlated rows, its covariance by blocks, and degrees of freedom."""
+    """Mean of correlated rows, its covariance from blocks, and degrees of freedom."""
     block, count = block_of(np.ones(len(values)), min(blocks, len(values)))
     mean = values.mean(axis=0)
     rows = np.broadcast_to(np.eye(values.shape[1]), (*values.shape, values.shape[1]))
@@ -119,7 +119,7 @@ FEWEST: Final = 30  # rows of which an RMS is given
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Errors(ReadOnly):
-    """Errors at the rows that have truth."""
+    """Errors at the rows that have a truth."""
 
     time: Float[Array, " k"]  # s
     body: Float[Array, "k 3"]  # rotation vector from truth to estimate, body axes, rad
@@ -131,7 +131,7 @@ class Errors(ReadOnly):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rms:
-    """RMS of an error with its standard error, rad; NaN of too few rows."""
+    """RMS of an error with its standard error, rad; NaN if the rows are too few."""
 
     value: float
     sd: float
@@ -158,7 +158,7 @@ def errors_of(
 
 
 def rms(values: Float[Array, " k"]) -> Rms:
-    """RMS with the standard error of correlated rows, by blocks."""
+    """RMS with a standard error by blocks, as the rows are correlated."""
     if len(values) < FEWEST:
         return Rms(value=np.nan, sd=np.nan, rows=len(values))
     mean, covariance, _ = mean_with_error(values[:, None] ** 2)
@@ -168,7 +168,7 @@ def rms(values: Float[Array, " k"]) -> Rms:
 
 
 def differ(first: Errors, second: Errors, alpha: float) -> bool:
-    """Whether the RMS of two total errors differ beyond chance.
+    """True if the RMS total errors of two filters differ beyond chance.
 
     By the difference of the squares in the rows that both have, which share what
     disturbed them, and blocks of time.
@@ -199,7 +199,7 @@ def table(errors: Errors) -> dict[str, dict[str, Rms]]:
 
 
 def convergence(errors: Errors) -> float:
-    """Seconds until the RMS of the following `WINDOW` is below `SETTLED`; NaN never.
+    """Time after which the RMS in a window stays below `SETTLED`, s; NaN if never.
 
     In whole seconds, against the RMS of the last half; and until the next second alone
     is, which ten may hide.
@@ -233,7 +233,7 @@ Verdict = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NormalisedSquare:
-    """A mean normalised square, what it should be, and a verdict."""
+    """A mean normalised square, its expectation, and the verdict."""
 
     mean: float
     expected: float
@@ -241,13 +241,13 @@ class NormalisedSquare:
     high: float
     blocks: int
     verdict: Verdict
-    told: float = 0.0  # relative sd of what is expected, by how well noise is known
+    told: float = 0.0  # relative sd of the expectation, as noise is not exactly known
 
 
 def normalised(
     errors: Float[Array, "k m"], covariance: Float[Array, "k m m"]
 ) -> Float[Array, " k"]:
-    """Squares e' P^-1 e; NaN where P is not positive."""
+    """Squares e' P^-1 e; NaN where P is not positive definite."""
     good = np.linalg.eigvalsh(covariance)[:, 0] > 0.0
     filled = np.where(good[:, None, None], covariance, np.eye(errors.shape[1]))
     return np.where(good, normalised_squares(errors, filled), np.nan)
@@ -256,7 +256,7 @@ def normalised(
 def judged(
     values: Float[Array, " k"], expected: float, told: float = 0.0
 ) -> NormalisedSquare:
-    """Judge the mean of correlated squares.
+    """Judge the mean of correlated normalised squares.
 
     Overconfident is a mean above what it should be: errors beyond the covariance. That
     may be off by itself, by a relative standard deviation `told`.
@@ -296,7 +296,7 @@ def judged(
 
 
 def judged_once(values: Float[Array, " k"]) -> NormalisedSquare:
-    """Judge the mean of squares that are of one error, as of a drift that only grows.
+    """Judge a mean whose squares all have one cause, such as a growing drift.
 
     However they are correlated, it is taken for one square: chi-square of 1 degree of
     freedom, of which a recording shows a mean that is off eight times or more.
@@ -334,7 +334,7 @@ def _block_means(values: Float[Array, " k"]) -> Float[Array, " b"]:
 def whiteness(
     innovation: Float[Array, "k m"], covariance: Float[Array, "k m m"]
 ) -> Float[Array, " m"]:
-    """Correlation of each whitened innovation with the next one; white noise has 0."""
+    """Correlation of each whitened innovation with the next; 0 for white noise."""
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, innovation[..., None])[..., 0]
     square = np.sum(white**2, axis=0)

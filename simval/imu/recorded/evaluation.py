@@ -33,7 +33,7 @@ from simval.shapes import Bool, Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterRun:
-    """Answers of one filter, and the world that it has."""
+    """Answers of one filter, and the world in which they are."""
 
     name: str
     world: str
@@ -41,13 +41,14 @@ class FilterRun:
     output: FilterOutput  # rows counted in the log
     six: Start | None = None  # of one without a magnetometer, whose heading is free
     thinned: bool  # whether rows between the kept ones are left out
-    told: float = 0.0  # relative sd of NIS, by how well the noise told is known
-    # m/s^2, of real acceleration while moving, where the noise told is less; else 0
+    told: float = 0.0  # relative sd of NIS, as the noise given is not exactly known
+    # real acceleration while moving, m/s^2, if more than the noise given; else 0
     motion: float = 0.0
+    cautious: bool = False  # it was given an upper limit of the gyroscope's walk
 
 
 def in_view(start: Start, found: Signals, truth: Float[Array, "n 4"]) -> Start:
-    """Start at the first row of a rest that has a truth, as heading is counted there.
+    """Move the start to the first row of a rest that has a truth.
 
     Between an earlier start and that row a heading drifts by what the filter learns of
     the bias afterwards, and no difference of the two errors is its own.
@@ -67,7 +68,7 @@ def given_rows(found: Signals, start: Start) -> slice:
 
 
 def filter_input(found: Signals, start: Start) -> FilterInput:
-    """Readings of a log for a filter, from the row after the start on."""
+    """Input of a filter: the readings from the row after the start on."""
     rows = given_rows(found, start)
     before = found.time[rows.start - 1]
     if rows.start == 0:  # before the first row, by as much as the first step
@@ -86,12 +87,12 @@ def filter_input(found: Signals, start: Start) -> FilterInput:
 
 Bound = Mapping[str, Mapping[str, float]]
 SHORTEST: Final = 2.0  # s; of a rest that is looked at, twice that for a drift
-SEVERAL: Final = 2  # rests, of one of which a drift may be what ended before
+SEVERAL: Final = 2  # rests; in a single one a drift may be a motion that has just ended
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AtRest:
-    """Measures of a filter at rest, which need no truth.
+    """Behaviour of a filter at rest, which needs no truth to be judged.
 
     Attributes
     ----------
@@ -163,15 +164,15 @@ class WithTruth:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stage:
-    """RMS errors of one filter by one set of definitions."""
+    """RMS errors of one filter by one of several definitions."""
 
-    words: str  # what is changed against the step before
+    words: str  # what changes from the step before
     rms: dict[str, Rms]  # total, heading, inclination
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evaluation(Told):
-    """All measurements of one filter over one log.
+    """All measures of one filter on one log.
 
     Attributes
     ----------
@@ -205,7 +206,7 @@ class Evaluation(Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the filter."""
         return filters_account([self])
 
 
@@ -215,7 +216,7 @@ def evaluate(
     alignment: Alignment | None,
     bound: Bound | None = None,
 ) -> Evaluation:
-    """Measure a filter's answers.
+    """Measure the errors of a filter's answers.
 
     Parameters
     ----------
@@ -257,7 +258,7 @@ def _unjudged(each: NormalisedSquare | None) -> NormalisedSquare | None:
 
 
 def resting(found: Signals) -> Bool[np.ndarray, " n"]:
-    """Rows of a log that belong to a rest."""
+    """Mask of the rows that belong to a rest."""
     rows = np.zeros(len(found.time), dtype=bool)
     for start, stop in found.rests:
         rows[start:stop] = True
@@ -308,7 +309,7 @@ def _with_truth(
 def from_its_start(
     estimate: Float[Array, "k 4"], truth: Float[Array, "k 4"]
 ) -> Float[Array, "k 4"]:
-    """Estimates turned about the vertical so that the first heading is the truth's."""
+    """Turn estimates about the vertical so that the first heading is right."""
     half = -heading_and_inclination(estimate[:1], truth[:1])[0] / 2.0
     back = np.concatenate([[0.0, 0.0], np.sin(half), np.cos(half)])
     return compose(np.broadcast_to(back, estimate.shape), estimate)
@@ -349,7 +350,7 @@ def _turned(errors: Errors, turns: tuple[float, float]) -> tuple[float, float]:
 
 
 def extra(alignment: Alignment, truth: Float[Array, "k 4"]) -> Float[Array, "k 3 3"]:
-    """Covariance of the truth itself: its noise, the sensor's axes, the world."""
+    """Covariance of the truth: its noise, the sensor's axes and the world's."""
     A = attitude_matrix(truth)
     noise = np.diag(np.nan_to_num(alignment.noise) ** 2)
     world = A @ alignment.world.covariance @ A.swapaxes(1, 2)

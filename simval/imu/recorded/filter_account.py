@@ -1,4 +1,4 @@
-"""What there is to say of filters over a log: how wrong, and whether they know it.
+"""The account of filters on a log: how wrong they are, and if they state it right.
 
 An `Evaluation` states it of one filter, a `FilteredLog` of all that ran over a log.
 What a filter states is held against its errors (NEES), or against its innovations (NIS)
@@ -42,7 +42,7 @@ PUBLISHED: Final = "BROAD: Laidig, Caruso, Cereatti, Seel, Data 6(7), 2021"
 
 
 class Stated(NamedTuple):
-    """What a filter states of itself, and what is seen of that.
+    """What a filter states of its errors, compared with what is seen.
 
     Attributes
     ----------
@@ -58,6 +58,9 @@ class Stated(NamedTuple):
         What the gyroscope's rows were taken as.
     fits : bool
         Whether its innovations are no larger than it states.
+    cautious : bool
+        Whether they are as it states, but the walk of the bias that it was given is an
+        upper limit, so that it may state more than its error.
     """
 
     name: str
@@ -66,31 +69,37 @@ class Stated(NamedTuple):
     motion: float
     rows: RowEvidence | None
     fits: bool = False
+    cautious: bool = False
 
     @property
     def times(self) -> float:
-        """How many times what is stated is seen."""
+        """Ratio of the error seen to the error stated."""
         return float(np.sqrt(self.square.mean / self.square.expected))
 
     @property
     def loose(self) -> bool:
-        """Whether they agree only because a few stretches of the log make the mean."""
+        """True if both agree only because few stretches make up the mean."""
         return self.square.verdict == "consistent" and self.times >= LOOSE
 
     @property
     def holds(self) -> bool | None:
-        """Whether both agree; None where the log does not show it."""
-        if self.loose or self.square.verdict.startswith("not"):
+        """True if both agree; None if the log cannot show it."""
+        if self.loose or self.square.verdict.startswith("not") or self.by_limit:
             return None
         return self.square.verdict == "consistent"
 
     @property
+    def by_limit(self) -> bool:
+        """Whether it states too much where what it was given is a limit."""
+        return self.cautious and self.square.verdict == "underconfident"
+
+    @property
     def words(self) -> str:
-        """The verdict."""
+        """The verdict in words."""
         name, times = self.name, self.times
         if self.square.verdict == "not judged: rows":
             return "the gyroscope's rows are not what they are taken as"
-        if self.holds is None and not self.loose:
+        if self.holds is None and not (self.loose or self.by_limit):
             if self.square.blocks:
                 return f"north is too uncertain to judge {name}"
             return f"too few rows have truth to judge {name}"
@@ -104,15 +113,18 @@ class Stated(NamedTuple):
             few = ", but only in some stretches of the log" if self.loose else ""
             return f"{before} {size}as {after}{few}"
         own = {"error": "error", "drift": "drift of heading"}.get(self.of, self.of)
-        return f"{name} states {rounded(1.0 / times)} times its {own}"
+        given = ", and the walk K that it was given is an upper limit" * self.by_limit
+        return f"{name} states {rounded(1.0 / times)} times its {own}{given}"
 
     @property
     def do(self) -> str:
-        """What to do about it, of a filter called {}; empty where nothing is."""
+        """What to do about it, with {} for the filter's name; empty if nothing."""
         if self.square.verdict == "not judged: rows":
             remedy = None if self.rows is None else self.rows.remedy
             options = "--gyro-rows, --gyro-delay"
             return f"State them: {' '.join(remedy.options) if remedy else options}."
+        if self.by_limit:
+            return "Measure K in a longer rest (simval noise), and give it (--noise)."
         if self.holds is None and self.square.blocks and not self.loose:
             return "State the truth's world (--truth-world)."
         if self.holds is None and not self.loose:
@@ -131,7 +143,7 @@ class Stated(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The numbers of the verdict."""
+        """The numbers behind the verdict."""
         square = self.square
         what = {"error": "NEES", "drift": "NEES of the drift of heading"}.get(
             self.of, "NIS"
@@ -148,7 +160,7 @@ class Stated(NamedTuple):
 
 
 def stated(each: Any, *, innovations: bool = False) -> list[Stated]:
-    """What is judged of one filter: its errors, or its innovations without truth."""
+    """Judge what a filter states of its errors, or else of its innovations."""
     truth = each.truth
     squares = {} if truth is None else {"error": truth.nees, "drift": truth.drift}
     if truth is None or innovations:
@@ -157,15 +169,16 @@ def stated(each: Any, *, innovations: bool = False) -> list[Stated]:
     fits = nis is not None and nis.verdict in ("consistent", "underconfident")
     if fits and nis.mean >= LOOSE**2 * nis.expected:
         fits = False
+    cautious = each.run.cautious and nis is not None and nis.verdict == "consistent"
     return [
-        Stated(own, of, square, each.run.motion, each.rows, fits)
+        Stated(own, of, square, each.run.motion, each.rows, fits, cautious)
         for of, square in squares.items()
         if square is not None
     ]
 
 
 class North(NamedTuple):
-    """Effect of another north on a comparison of filters.
+    """Effect that another north would have on a comparison of filters.
 
     Attributes
     ----------
@@ -186,7 +199,7 @@ class North(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What there is to say of it; empty for nothing."""
+        """Say what another north would change; empty for nothing."""
         angle = np.degrees(self.turn)
         pairs = "; ".join(self.exchanged)
         if self.estimated:
@@ -203,7 +216,7 @@ class North(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The totals there."""
+        """Say the total errors with that north."""
         ends = [
             f"{name} {' and '.join(f'{np.degrees(v):.2f}°' for v in totals)}"
             for name, totals in self.totals.items()
@@ -213,7 +226,7 @@ class North(NamedTuple):
 
 
 def north(done: Sequence[Any]) -> North | None:
-    """Judge what another north would change; None without one.
+    """Find what another north would change; None if the north is not in doubt.
 
     The difference of two mean squares is linear in a small turn, so an order that both
     ends of an interval have is that of all between.
@@ -241,7 +254,7 @@ def north(done: Sequence[Any]) -> North | None:
 
 
 def _open(one: Any, other: Any, *, estimated: bool) -> bool:
-    # whether another north exchanges two that are told apart, or leaves two undecided
+    # whether another north swaps two distinct filters, or leaves two undecided
     pairs = zip(one.truth.turned, other.truth.turned, strict=True)
     crossed = any(a > b for a, b in pairs)
     order = ranking([one, other])
@@ -250,7 +263,7 @@ def _open(one: Any, other: Any, *, estimated: bool) -> bool:
 
 
 def ranking(done: Iterable[Any]) -> Ranking | None:
-    """Filters by the RMS of their total errors; None without any that has one."""
+    """Rank the filters by the RMS of their total errors; None if none has one."""
     found = {
         each.run.name: each.truth
         for each in done
@@ -273,6 +286,8 @@ def filters_account(
     failed: Mapping[str, str] = MappingProxyType({}),
     facts: Iterable[Fact] = (),
     quaternions: Sequence[str] = (),
+    *,
+    mistaken: bool = False,
 ) -> Account:
     """State what was measured of filters over a log.
 
@@ -286,13 +301,17 @@ def filters_account(
         On the log, what filters were given, and the truth.
     quaternions : sequence of str
         Names of quaternions in a log without truth, which may be one.
+    mistaken : bool, default False
+        Whether units or axes of the log are not as they are stated.
     """
     said = "no filter was measured"
     if done:
         against = any(each.truth is not None for each in done)
         how = "against recorded attitudes" if against else "without truth"
         said = f"{series(each.run.name for each in done)} {how}"
-    replies = [_how_wrong(done, quaternions), _trusted(done)] if done else []
+    replies = []
+    if done:
+        replies = [_how_wrong(done, quaternions), _trusted(done, mistaken)]
     if failed:
         were = "was" if len(failed) == 1 else "were"
         replies.append(
@@ -371,12 +390,18 @@ def _angle(rms: Rms) -> str:
     return f"{measured(np.degrees(rms.value), np.degrees(rms.sd))}°"
 
 
-def _trusted(done: Sequence[Any]) -> Reply:
+def _trusted(done: Sequence[Any], mistaken: bool) -> Reply:
     found = [one for each in done for one in stated(each)]
     # a drift that is too small to judge is no doubt of the others
     found = [one for one in found if one.of != "drift" or one.holds is not None]
     bad = [one for one in found if one.holds is False]
-    good = [one for one in found if one.holds and one.of != "innovations"]
+    # nor does it vouch for an error that is not judged
+    unjudged = {one.name for one in found if one.of == "error" and one.holds is None}
+    good = [
+        one
+        for one in found
+        if one.holds and one.of != "innovations" and one.name not in unjudged
+    ]
     open_ = [one for one in found if one.holds is None]
     alone = [one.words for one in found if one.holds and one.of == "innovations"]
     silent = [each.run.name for each in done if not stated(each)]
@@ -396,6 +421,8 @@ def _trusted(done: Sequence[Any]) -> Reply:
     for one in (*bad, *open_):
         advice.setdefault(one.do, []).append(one.name)
     do = [what.replace("{}", series(dict.fromkeys(of))) for what, of in advice.items()]
+    if do and mistaken:
+        do = ["First correct the units and axes of the log that are named above."]
     lines = [one.sentence for each in done for one in stated(each, innovations=True)]
     lines += [_whiteness(each) for each in done if each.white is not None]
     lines += [f"{name} states no covariance." for name in silent]
@@ -419,7 +446,7 @@ def _whiteness(each: Any) -> str:
 
 
 def _values(done: Sequence[Any]) -> Iterator[Values]:
-    # filters whose heading is free apart: their numbers are of other things
+    # filters with a free heading apart: their numbers mean something else
     for free in (False, True):
         own = [x for x in done if x.truth is not None and x.truth.free is free]
         if own:

@@ -1,4 +1,4 @@
-r"""Errors by a benchmark's own definitions, and what turns them into ours.
+r"""Errors by a benchmark's own definitions, and the steps from these to simval's.
 
 BROAD (D. Laidig, M. Caruso, A. Cereatti and T. Seel, Data 6(7):72, 2021; the program of
 their repository, `example_code`) starts a filter at the first row of a trial, by that
@@ -38,7 +38,7 @@ MARKS: Final = "movement"
 
 
 def published_start(found: Signals, start: Start) -> Start:
-    """A start before the first row, at the attitude that this row alone shows.
+    """A start before the first row, at the attitude that this row alone gives.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def published_start(found: Signals, start: Start) -> Start:
 def published_rows(
     log: Log, recorded: Truth | None, world: World | None, instance: str | None
 ) -> tuple[Truth, Bool[np.ndarray, " n"]]:
-    """A truth that can be compared so, and the rows that the errors are of.
+    """The truth for this comparison, and the rows whose errors count.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def steps(
     alignment: Alignment,
     movement: Bool[np.ndarray, " n"],
 ) -> Iterator[Stage]:
-    """From the published definitions to ours, one change at a time.
+    """Errors while the published definitions are changed to simval's, one by one.
 
     Parameters
     ----------

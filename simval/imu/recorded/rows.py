@@ -1,4 +1,4 @@
-r"""When the rows of a gyroscope are of, by a vector that the body turns past.
+r"""When a gyroscope's rows were measured, seen by a vector that the body turns past.
 
 **Their middle** c against the stamps (`simval.imu.logs.rows`, eq. (R6)). In a window of
 two seconds the gyroscope's attitudes A, from its first row on, turn the readings v of a
@@ -86,7 +86,7 @@ Witness = Literal["accelerometer", "magnetometer", "truth"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowCentre:
-    """Middle of a gyroscope's rows by another sensor.
+    """Middle of the time that a gyroscope's row measures, by another sensor.
 
     Attributes
     ----------
@@ -117,20 +117,20 @@ class RowCentre:
 
     @property
     def bar(self) -> float:
-        """One standard deviation of it, s."""
+        """Standard deviation of the middle, s."""
         return float(np.hypot(np.hypot(self.sd, self.coherent), self.apart))
 
     @property
     def half(self) -> float:
-        """Half width of its 95 % interval, s."""
+        """Half width of the middle's 95 % interval, s."""
         return 2.0 * self.bar
 
     def decides(self, step: float) -> bool:
-        """Whether it can tell conventions apart, with the log's step, s."""
+        """True if it is precise enough to tell the conventions apart."""
         return self.left < MOST_LEFT and self.bar < NARROW * step
 
     def off(self, centre: float) -> float:
-        """Distance from a middle, in bars."""
+        """Distance from another middle, in standard deviations."""
         return abs(self.centre - centre) / self.bar
 
 
@@ -143,7 +143,7 @@ class _Equations(NamedTuple):
 
 
 class _RowFit(NamedTuple):
-    """Least squares of eq. (R7), each window by the inverse of what it leaves."""
+    """Least-squares solution of eq. (R7), each window weighted by its residuals."""
 
     solution: Float[Array, " p"]  # changes of the middle, s, first
     sd: Float[Array, " p"]  # by blocks of windows
@@ -158,7 +158,7 @@ def row_centre(
     vector: Float[Array, "n 3"],
     by: Witness,
 ) -> RowCentre:
-    """Find the middle of a gyroscope's rows, rad/s, against those of a vector sensor.
+    """Find the middle of a gyroscope's rows, rad/s, by those of a vector sensor.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ Why = Literal["stated", "accelerometer", "truth", "default"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowEvidence:
-    """What a log's gyroscope rows are taken as, and what the log says of it.
+    """How a log's gyroscope rows are taken, and what the log shows of that.
 
     Attributes
     ----------
@@ -401,7 +401,7 @@ class RowEvidence:
 
     @property
     def telling(self) -> RowCentre | None:
-        """The first that can tell conventions apart, the accelerometer before a truth.
+        """The first sensor that can tell conventions apart, the truth last.
 
         A truth that fits none is late itself.
         """
@@ -417,13 +417,13 @@ class RowEvidence:
 
     @property
     def clash(self) -> bool:
-        """Whether it contradicts what the rows are taken as."""
+        """True if the log contradicts how the rows are taken."""
         seen = self.telling
         return seen is not None and seen.off(self.rows.centre(self.step)) > FAR
 
     @property
     def remedy(self) -> Rows | None:
-        """What to state where there is a clash; None if nothing that can be."""
+        """Rows to state instead where the log contradicts; None if none fits."""
         if (seen := self.telling) is None or not self.clash:
             return None
         if near := self._fitting(seen):
@@ -438,14 +438,14 @@ class RowEvidence:
 
     @property
     def lateness(self) -> float:
-        """Delay of the magnetometer against the rows as taken, s; NaN if not seen."""
+        """Delay of the magnetometer from the rows as taken, s; NaN if not seen."""
         if self.compass is None or not self.compass.left < MOST_LEFT:
             return np.nan
         return self.compass.centre - self.rows.centre(self.step)
 
 
 def fitting(seen: RowCentre, step: float, delay: float) -> list[Rows]:
-    """Rows of such a delay whose middle is within `NEAR` bars, the nearest first."""
+    """Kinds of rows with this delay that fit within `NEAR`, the nearest first."""
     every = (Rows(kind=kind, delay=delay) for kind in ROW_KINDS)
     near = [each for each in every if seen.off(each.centre(step)) <= NEAR]
     return sorted(near, key=lambda each: seen.off(each.centre(step)))
@@ -454,7 +454,7 @@ def fitting(seen: RowCentre, step: float, delay: float) -> list[Rows]:
 def judged_rows(
     seen: tuple[RowCentre, ...], step: float, rows: Rows, *, find: bool
 ) -> RowEvidence:
-    """Take the rows as stated, or find their kind, with the delay that is stated.
+    """Take the rows as stated, or find their kind, with the stated delay.
 
     Another kind than theirs is taken where a witness names it alone, and they are off.
     """

@@ -1,4 +1,4 @@
-"""Filter settings taken from a log: readings in SI units, noise, field, and the start.
+"""Readings of a log in SI units, and what a filter is given: noise, field and start.
 
 Noise is from a noise file, else from the log's own rests: N and K of the longest one,
 the scatter of a row in all of them. Nothing is from the truth.
@@ -47,7 +47,7 @@ UNKNOWN: Final = "in the unit of its calibration or of the log"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Signals:
-    """Readings of a log."""
+    """Readings of a log in SI units, as far as their units are known."""
 
     time: Float[Array, " n"]  # s
     gyro: Float[Array, "n 3"]  # rad/s, or the log's unit where `gyro_unit` is empty
@@ -76,24 +76,24 @@ class Signals:
 
     @property
     def covered(self) -> slice:
-        """Rows that have a mean rate: all but some at the ends."""
+        """Rows that have a mean rate: all but a few at the ends."""
         rows = np.flatnonzero(np.isfinite(self.means[:, 0]))
         return slice(int(rows[0]), int(rows[-1]) + 1)
 
     @property
     def turning(self) -> tuple[Float[Array, " k"], Float[Array, "k 3"]]:
-        """Times and mean rates of the rows that have one."""
+        """Times and mean rates of the rows that have a mean rate."""
         return self.time[self.covered], self.means[self.covered]
 
     def taken_as(self, rows: Rows) -> "Signals":
-        """The same with other rows of the gyroscope, and no rest before they begin."""
+        """The same with its gyroscope's rows taken otherwise, and rests that fit."""
         found = replace(self, rows=rows)
         rests = np.maximum(found.rests, found.covered.start - 1)
         return replace(found, rests=rests[np.ptp(rests, axis=1) > 0])
 
     @property
     def facts(self) -> tuple[Fact, ...]:
-        """Units and their origin, and what was cut off the rests."""
+        """State the units and where they are from, and what was cut off the rests."""
         field = "none" if self.field is None else self.field_unit or UNKNOWN
         few = f"{counted(len(self.cuts), 'rest')} cut or left out: the gyroscope turns"
         return (
@@ -107,7 +107,7 @@ class Signals:
 
 
 class TurnedRest(NamedTuple):
-    """A rest in which the gyroscope turns, and what is kept of it, s, rad/s."""
+    """A rest in which the gyroscope turns, and the parts kept of it, s and rad/s."""
 
     start: float
     stop: float
@@ -116,7 +116,7 @@ class TurnedRest(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The same in words."""
+        """Say when it was, how fast it turns, and what is kept."""
         parts = " and ".join(f"{a:.2f} to {b:.2f} s" for a, b in self.kept)
         return (
             f"{self.start:.2f} to {self.stop:.2f} s "
@@ -134,7 +134,7 @@ def signals(
     magnetometer: Scale = UNSTATED,
     calibration: str | None,
 ) -> Signals:
-    """Bring a log to SI units, by a calibration file or by the units of its columns.
+    """Bring a log to SI units, by a calibration file or its columns' units.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def _require_gyroscope(log: Log) -> None:
 
 
 def longest_part(log: Log) -> Log:
-    """The longest part without a hole, for a filter needs all that was turned."""
+    """The longest part without a hole, as a filter needs every turn."""
     usual = float(np.median(np.diff(log.time)))
     parts = log.parts(max(GAP_STEPS * usual, GAP_SECONDS))
     if len(parts) == 1:
@@ -193,23 +193,27 @@ def _calibrated(log: Log, raw: Signals, path: str, magnetometer: Scale) -> Signa
     found = replace(
         raw, force=done.accelerometer, force_unit=words, field=done.magnetometer
     )
+    # what is corrected has the calibration's axes, and its field the calibration's unit
+    names = {"gyroscope": "gyro"}
+    shown = units_of(replace(done, columns=()))
+    used = {names.get(each, each) for each in sensors}
+    logs = dict(zip(OF_A_LOG, raw.scales, strict=True))
+    scales = {name: shown[name] if name in used else logs[name] for name in logs}
+    found = replace(found, scales=tuple(scales.values()))
     if "gyroscope" in sensors:
         assert done.gyro is not None
         found = replace(found, gyro=done.gyro, gyro_unit=f"rad/s, {words}")
-    if "magnetometer" in sensors:  # in the unit of the calibration's field
-        shown = units_of(replace(done, columns=()))["magnetometer"]
-        return with_field_unit(found, shown)
-    return with_field_unit(found, magnetometer)
+    return with_field_unit(found, scales["magnetometer"])
 
 
 TURNS: Final = 0.05
 """rad/s, off its bias over half a second: what a rest is not, of any gyroscope."""
-STILL: Final = 0.01  # rad/s, beside noise; of what is kept of a rest that is cut
+STILL: Final = 0.01  # rad/s, on top of noise, in the part that is kept of a rest
 SHORTEST: Final = 1.0  # s; of each part of that
 
 
 def without_turns(found: Signals) -> Signals:
-    """Cut what turns off the rests: a turn about the vertical leaves gravity alone.
+    """Cut off the parts of rests that turn, even if only about the vertical.
 
     Four rests and more are judged by each other (`simval.imu.statics`); a yawing
     vehicle may have one, its whole log. The bias is that of the quietest half second.
@@ -258,7 +262,7 @@ def without_turns(found: Signals) -> Signals:
 
 
 def with_field_unit(found: Signals, scale: Scale) -> Signals:
-    """Bring the field to T, if its unit is known."""
+    """Bring the field to tesla, if its unit is known."""
     if found.field is None or scale.si_per_raw is None:
         return found
     field = found.field * scale.si_per_raw
@@ -266,7 +270,7 @@ def with_field_unit(found: Signals, scale: Scale) -> Signals:
 
 
 def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
-    """Settle the gyroscope's unit by what the truth says of it, raw units per rad/s.
+    """Settle the gyroscope's unit by its ratio to the truth, raw units per rad/s.
 
     Raises
     ------
@@ -310,17 +314,18 @@ magnetometer off by as much of its field, are usual without a calibration."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Start:
-    """First row given to a filter, and its starting attitude there."""
+    """The first row that a filter is given, and its attitude there."""
 
     row: int
     attitude: Float[Array, "4"]  # north-west-up to sensor
     told: Told
     facts: tuple[Fact, ...]  # the numbers, and where they are from
-    known: Mapping[str, float]  # relative sd of noises told, by their names
+    known: Mapping[str, float]  # relative sd of the noises given, by name
     motion: float  # m/s^2, of real acceleration while moving; 0 where the noise has it
+    limit: bool = False  # whether the gyroscope's walk is an upper limit
 
     def of_nis(self, reads: Collection[str], sensors: int) -> float:
-        """Relative sd of NIS, by how well the noises that a filter reads are known.
+        """Relative standard deviation of NIS from that of the noises a filter is given.
 
         Of so many `sensors` with innovations.
         """
@@ -335,7 +340,7 @@ def start_of(
     *,
     accelerometer_noise: float | None = None,
 ) -> Start:
-    """Start at the first rest, by two vectors, with the filter's settings.
+    """Start at the first rest by two vectors, with the settings for the filter.
 
     Without known noise the log's longest rest is measured; the accelerometer's, m/s^2 a
     row, is the scatter at rest where it is not given. Without a magnetometer the
@@ -349,7 +354,7 @@ def start_of(
     parts = [slice(a, b) for a, b in found.rests]
     first = parts[0]
     longest = max(parts, key=lambda each: each.stop - each.start)
-    N, K, gyroscope = _gyro_noise(found, longest, known, source)
+    N, K, limit, gyroscope = _gyro_noise(found, longest, known, source)
     forces = [found.force[part].mean(axis=0) for part in parts]
     gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
     field, scatter = np.full(3, np.nan), np.nan
@@ -403,6 +408,7 @@ def start_of(
         told=told,
         known=known_to,
         motion=motion,
+        limit=limit,
         facts=(
             *gyroscope,
             Fact("noise used", words),
@@ -416,7 +422,7 @@ def start_of(
 
 
 def two_vectors(found: Signals, part: slice) -> Float[Array, "4"]:
-    """Attitude north-west-up to sensor by the mean force and field of some rows.
+    """Attitude north-west-up to sensor from the mean force and field of some rows.
 
     Without a field, north is the axis of the sensor that is most level.
 
@@ -468,15 +474,15 @@ def _motion(found: Signals, gravity: float, noise: float) -> float:
 
 def _gyro_noise(
     found: Signals, part: slice, known: NoiseFile | None, source: str
-) -> tuple[float, float, tuple[Fact, ...]]:
-    # N and K, and where they are from
+) -> tuple[float, float, bool, tuple[Fact, ...]]:
+    # N and K, whether K is an upper limit, and where they are from
     axes, scale, words = _axes(found, part, known, source)
     seconds = (part.stop - part.start) / found.rate
     if known is not None:
         seconds = min(axis.rows / axis.rate_hz for axis in axes)
     N = _coefficient(axes, "N", scale)
     K = _coefficient(axes, "K", scale)
-    unfit, limits = N is None, []
+    unfit, hidden, limits = N is None, K is None, []
     slow = [axis.slow for axis in axes if axis.slow and not axis.slow.is_walk]
     if slow:
         horizon = max(each.horizon for each in slow)
@@ -497,7 +503,7 @@ def _gyro_noise(
         for name, value in (("N", N), ("K", K))
     )
     fact = Fact("noise used", f"gyroscope {', '.join(sizes)}, by {words}", unfit)
-    return N, K, (fact, *limits)
+    return N, K, hidden, (fact, *limits)
 
 
 def _axes(
@@ -521,7 +527,7 @@ def _axes(
 
 
 def _coefficient(axes: tuple[AxisNoise, ...], kind: str, scale: float) -> float | None:
-    # root of the mean square over the axes; one that is not seen counts as nothing
+    # root mean square over the axes; an axis without a value counts as zero
     values = [c.value for axis in axes for c in axis.given if c.kind == kind]
     seen = [value for value in values if value is not None]
     if not seen or (kind == "N" and len(seen) < len(axes)):

@@ -1,4 +1,4 @@
-r"""A magnetometer turned by hand, without rests and without an accelerometer.
+r"""A magnetometer turned by hand, with neither rests nor an accelerometer.
 
 In a field of constant strength F all rows lie on the ellipsoid :math:`|M (y - b)| = F`,
 in motion as at rest. The noise of rows adds to their moments, and is taken out of them
@@ -50,7 +50,7 @@ ones exceed it in less than 1 % of logs."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TurnedCalibration(Told):
-    """Calibration of a magnetometer by rows in motion."""
+    """Calibration of a magnetometer from rows in motion."""
 
     fit: FitResult
     rows: int  # that are not those before them again
@@ -61,7 +61,7 @@ class TurnedCalibration(Told):
 
     @property
     def account(self) -> Account:
-        """What there is to say of it."""
+        """Everything that there is to say of the calibration."""
         fit, holds = self.fit, not self.alike
         rms = float(fit.rms) / fit.g
         told = "they are by how the parts of the log differ"

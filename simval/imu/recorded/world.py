@@ -1,4 +1,4 @@
-"""World frame of the truth: stated, of its data set, nearest, or from the sensors.
+"""World frame of the truth: stated, that of its data set, or found from the sensors.
 
 The log's sensors show up, the mean specific force of each rest in the truth's world,
 and north, the horizontal part of the mean magnetic field of all rows there. That north
@@ -44,7 +44,7 @@ WorldSource = Literal["stated", "standard", "nearest", "estimated"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class World(ReadOnly):
-    """The world north-west-up in the truth's.
+    """The turn from north-west-up to the truth's world, and how well it is known.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class World(ReadOnly):
 
     @property
     def covariance(self) -> Float[Array, "3 3"]:
-        """Of the rotation vector in north-west-up, rad^2; what is unknown counts 0.
+        """Covariance of that turn in north-west-up, rad^2; the unknown counts as 0.
 
         Of an estimated north against the log's mean field, not the true north.
         """
@@ -106,7 +106,7 @@ class World(ReadOnly):
 
     @property
     def norths(self) -> tuple[float, float]:
-        """Turns of the north that is taken, rad, which a comparison should withstand.
+        """Turns of the north, rad, that a comparison of filters should withstand.
 
         Of an estimated one the ends of its interval; else to the log's magnetometer.
         """
@@ -119,7 +119,7 @@ class World(ReadOnly):
 
     @property
     def upright(self) -> bool:
-        """Whether up is that of the rests, or they are too few to show it.
+        """True if the rests agree with up, or are too few to contradict it.
 
         By a test of two horizontal axes at the false-alarm rate `ALPHA`.
         """
@@ -136,7 +136,7 @@ def find_world(
     rests: Intervals,
     axes: Float[Array, "3 3"],
 ) -> World:
-    """Find north and up, from attitudes that take the truth's world to the sensor.
+    """Find north and up from attitudes, which turn the truth's world to the sensor.
 
     `axes` is the covariance of the sensor's axes in those attitudes, rad^2, which goes
     into both; and what up is off by itself counts by the tangent of the dip in north.
@@ -198,7 +198,7 @@ def find_world(
 def taken_world(
     shown: World, columns: Sequence[str], asked: TruthWorld | None
 ) -> World:
-    """The world that errors are measured in, and what the log shows of it.
+    """The world in which errors are measured, with what the log shows of it.
 
     Raises
     ------

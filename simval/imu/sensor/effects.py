@@ -63,7 +63,7 @@ MOST_ROWS: Final = 10**8  # 2.4 GB for each effect; more is a slip
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseModel:
-    """Noise of one triad; the defaults are a sensor without any.
+    """Noise of a three-axis sensor; the defaults have none.
 
     Each is (3,), or one number for all axes, in the raw units of the readings: counts,
     m/s^2 or rad/s.
@@ -121,7 +121,7 @@ class NoiseModel:
     def parts(
         self, n: int, rate_hz: float, rng: "np.random.Generator"
     ) -> tuple[Float[Array, "n 3"], ...]:
-        """Each kind of noise of consecutive rows, apart.
+        """Draw each kind of noise of consecutive rows by itself.
 
         Parameters
         ----------
@@ -192,7 +192,7 @@ class NoiseModel:
     def draw(
         self, n: int, rate_hz: float, rng: "np.random.Generator"
     ) -> Float[Array, "n 3"]:
-        """Noise of consecutive rows.
+        """Draw the noise of consecutive rows.
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ _SIGNED: Final = ("ramp_raw_per_s", "bias_ramp_raw_per_s")
 
 
 def levels_of_axes(name: str, value: Any) -> Float[Array, "3"]:
-    """One number for each axis, from three or from one for all; a ramp has a sign.
+    """One number for each axis, from three or one; only a ramp may be negative.
 
     Raises
     ------
@@ -297,7 +297,7 @@ E = TypeVar("E", bound="Electronics")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Electronics:
-    """Imperfections of any triad; the defaults switch all off.
+    """Imperfections that any three-axis sensor may have; the defaults have none.
 
     Attributes
     ----------
@@ -385,7 +385,7 @@ class Electronics:
 
     @property
     def reach(self) -> float:
-        """Range of the sensing element, SI units; infinite without one."""
+        """Range of the sensing element, SI units; infinite if it has none."""
         name, _, size = self.RANGE
         value = getattr(self, name) if name else None
         return np.inf if value is None else float(value * size)
@@ -393,7 +393,7 @@ class Electronics:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effects(Electronics):
-    """Imperfections of an accelerometer: those of `Electronics`, and its element's.
+    """Imperfections of an accelerometer: those of `Electronics`, and of its element.
 
     Attributes
     ----------
@@ -451,7 +451,7 @@ class MagnetometerEffects(Electronics):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Readings(ReadOnly):
-    """Raw readings, and the truth of every effect in them.
+    """Raw readings, with the true size of every effect in them.
 
     Attributes
     ----------
@@ -486,7 +486,7 @@ class Readings(ReadOnly):
 def delayed(
     truth: Float[Array, "n 3"], delay: float, time: Float[Array, " n"]
 ) -> Float[Array, "n 3"]:
-    """Delay the truth by some seconds; before its first row, that one holds."""
+    """Delay the truth by some seconds; its first row holds before the start."""
     if delay == 0.0:
         return truth
     axes = [np.interp(time - delay, time, axis) for axis in truth.T]
@@ -496,7 +496,7 @@ def delayed(
 def white_std(
     effects: Electronics, own: float | Array, time: Float[Array, " n"]
 ) -> Float[Array, "3"]:
-    """White noise of a sample: what the effects state, else the model's own."""
+    """White noise of a sample: as the effects state it, else the model's own."""
     if effects.white_raw_per_sqrt_hz is not None:
         return np.full(3, effects.white_raw_per_sqrt_hz) * np.sqrt(even_rate(time))
     stated = own if effects.noise_std_raw is None else effects.noise_std_raw
@@ -504,7 +504,7 @@ def white_std(
 
 
 def even_rate(time: Float[Array, " n"]) -> float:
-    """Rows per second of a clock with even steps.
+    """Rate of an evenly spaced clock, Hz.
 
     Raises
     ------
@@ -524,7 +524,7 @@ def even_rate(time: Float[Array, " n"]) -> float:
 
 
 def effects_from(values: dict[str, Any], kind: type[E]) -> E:
-    """Effects of a sensor from plain values, as a file holds them.
+    """Build the effects of a sensor from plain values, as a file holds them.
 
     Raises
     ------

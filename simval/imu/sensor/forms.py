@@ -114,7 +114,7 @@ ENTRIES = {
 
 
 def sign_notes(model: Model) -> list[str]:
-    """Say which parameters are minus the entry of T that is printed."""
+    """Say which parameters have the opposite sign of the printed entry of T."""
     return [
         f"parameters[{place}], {names(model)[place]}, is -{entry}"
         for place, (entry, sign) in enumerate(entries(model))
@@ -263,7 +263,7 @@ def convert(
     source: Model,
     target: Model,
 ) -> tuple[Array, Array | None]:
-    """Carry a calibration, and its covariance, from one form to another.
+    """Convert a calibration, and its covariance, from one form to another.
 
     Exact: the ellipsoid A = M'M and the bias stay the same. The covariance is
     carried by the exact Jacobian at these parameters.
@@ -382,7 +382,7 @@ class GyroscopeFactors(ReadOnly):
 def gyroscope_factors(
     M: Any, covariance: Any = None, *, form: Factors = "misalignment-scale"
 ) -> GyroscopeFactors:
-    """Write a gyroscope's matrix in another form, covariance carried along.
+    """Write a gyroscope's matrix in another form, with its covariance.
 
     Parameters
     ----------

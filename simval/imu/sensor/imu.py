@@ -1,4 +1,4 @@
-r"""An inertial measurement unit: the readings of its sensors for one motion.
+r"""An inertial measurement unit: what its sensors read during one motion.
 
 A row of specific force passes, in this order, through
 
@@ -41,7 +41,7 @@ from simval.shapes import Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """Motion that the sensors of an IMU measure, in their common axes.
+    """A motion that the sensors of an IMU measure, in their common axes.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImuModel:
-    """Three sensors on one clock; one that is None is ideal.
+    """Three sensors on one clock; a sensor that is None is ideal.
 
     Attributes
     ----------

@@ -72,7 +72,7 @@ from simval.vocabulary import Model
 def unscaled(
     matrix: Float[Array, "3 3"], values: Float[Array, "... 3"]
 ) -> Float[Array, "... 3"]:
-    """Readings less bias that a matrix M takes to these values, M^-1 of each row."""
+    """Multiply by M^-1: the readings, less bias, that give these values."""
     # LAPACK takes ten times as long for many rows as their product with the inverse
     return values @ np.linalg.inv(matrix).T
 
@@ -463,14 +463,14 @@ FIXED = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def places_of(estimates: tuple[str, ...]) -> tuple[int, ...]:
-    """Places of what is estimated among the nine parameters, in their order."""
+    """Indices of the estimated parameters among the nine, in their order."""
     return tuple(k for name in ALL if name in estimates for k in PLACES[name])
 
 
 def own_sensor(
     sensor: AccelerometerModel, estimates: tuple[str, ...]
 ) -> AccelerometerModel:
-    """Return the same sensor without the errors that are not estimated."""
+    """The same sensor, without the errors that are not estimated."""
     values, places = FIXED.copy(), list(places_of(estimates))
     values[places] = sensor.parameters[places]
     return AccelerometerModel.from_parameters(values)

@@ -1,4 +1,4 @@
-"""The parameters of the sensors as a person reads them, of a fit and of a plan.
+"""Parameters of the sensors in the units in which a person reads them.
 
 An accelerometer's stand as entries of T, K and B, a gyroscope's as those of M and B.
 Misalignment is in milliradians, errors of scale in parts per million, and those of
@@ -62,7 +62,7 @@ def readable(fit: Any) -> list[tuple[float, Unit]]:
 
 
 def greatest(fit: Any) -> dict[str, float]:
-    """Greatest error bar of each kind, in the units of `KINDS`."""
+    """Largest error bar of each kind, in the units of `KINDS`."""
     bars = [
         (kind, *bar)
         for kind, bar in zip(kinds_of(fit.model), readable(fit), strict=True)
@@ -71,7 +71,7 @@ def greatest(fit: Any) -> dict[str, float]:
 
 
 def worst_axis(fit: Any, *, force: bool = True) -> str:
-    """Greatest error bar of each kind in words; of a bias where it is of a `force`."""
+    """Say the largest error bar of each kind; of a bias only if it is of a force."""
     return "error of the worst axis (1 sd): " + ", ".join(
         f"{kind} {rounded(value)} {KINDS[kind].name}"
         for kind, value in greatest(fit).items()
@@ -87,7 +87,7 @@ def accelerometer_values(
     force: bool = True,
     reading: str = OF_THE_LOG,
 ) -> Values:
-    """T, K and B, the first nine parameters of a fit, in its form or `model`.
+    """T, K and B, the first nine parameters, as a table in a form.
 
     The unit of a `reading` is that of B.
     """
@@ -122,7 +122,7 @@ def accelerometer_values(
 def matrix_rows(
     name: str, unit: str, names: tuple[str, ...], values: Array, sd: Array
 ) -> list[Line]:
-    """A matrix, row by row."""
+    """A matrix as lines of a table, one for each row."""
     cells = quantities(names, values, sd)
     return in_thousands([
         Line(f"{name}_{axis}", unit, cells[3 * k : 3 * k + 3])
@@ -131,7 +131,7 @@ def matrix_rows(
 
 
 def quantities(names: tuple[str, ...], values: Array, sd: Array) -> list[Quantity]:
-    """Values with their errors and 95 % intervals."""
+    """Values with their standard deviations and 95 % intervals."""
     half = NORMAL_95 * sd
     rows = zip(names, *(x.tolist() for x in (values, sd, values - half, values + half)),
                strict=True)  # fmt: skip

@@ -142,7 +142,7 @@ def checked_samples(samples: Float[Array, "n 3"], window: int) -> Float[Array, "
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rest:
-    """The initial rest, whose variance scales the threshold.
+    """The initial rest, whose variance sets the scale of the threshold.
 
     Attributes
     ----------
@@ -290,7 +290,7 @@ def intervals_below(
 
 
 def one_log(samples: Any) -> Float[Array, "n 3"]:
-    """Require the readings of one log.
+    """Check that readings are those of one log.
 
     Raises
     ------
@@ -305,7 +305,7 @@ def one_log(samples: Any) -> Float[Array, "n 3"]:
 
 
 def checked_intervals(intervals: Any, count: int | None = None) -> Intervals:
-    """Require intervals of whole samples that are not empty.
+    """Check that intervals are whole samples and not empty.
 
     Raises
     ------
@@ -368,14 +368,14 @@ def interval_means(
 
 
 def runs_of(flag: NDArray[np.bool_]) -> Intervals:
-    """Runs of True as rows start <= k < stop, (m, 2)."""
+    """Start and stop of each run of True, (m, 2)."""
     edges = np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8))
     return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EvenLog(ReadOnly):
-    """Readings at equal distances in time."""
+    """Readings resampled to even steps of time, called ticks."""
 
     samples: Float[Array, "n 3"]  # mean reading of each tick
     empty: Any  # bool: ticks without a row, (n,)
@@ -386,11 +386,11 @@ class EvenLog(ReadOnly):
     minimum: int  # least number of ticks of an interval
 
     def rows(self, intervals: Intervals) -> Intervals:
-        """Rows of the log that intervals of ticks hold."""
+        """Rows of the log in intervals of ticks."""
         return np.searchsorted(self.tick, intervals).reshape(-1, 2)
 
     def spread(self) -> Float[Array, " n"]:
-        """Variance magnitude, infinite where half a window or more has no row."""
+        """Variance magnitude, infinite where half a window or more has no rows."""
         spread = variance_magnitude(self.samples, self.window)
         lost = np.cumsum(np.pad(self.empty, (1, 0)))
         half = self.window // 2
@@ -399,7 +399,7 @@ class EvenLog(ReadOnly):
         return spread
 
     def wander(self, rest: Rest, spread: Array) -> float:
-        """Variance of a rest's readings within a window, over that from tick to tick.
+        """Variance of a rest within windows, relative to that from tick to tick.
 
         Median variance of the rest's windows over half its mean squared difference of
         successive ticks, 1: 1 for white noise, more where motion is in it.
@@ -415,7 +415,7 @@ class EvenLog(ReadOnly):
         return self.rows(intervals_below(spread, threshold, self.minimum))
 
     def initial_rest(self, count: int | None, spread: Array) -> Rest:
-        """Initial rest of the log, in its rows: the first `count`, or None to find it.
+        """Initial rest in rows of the log: the first `count`, or found if None.
 
         Raises
         ------

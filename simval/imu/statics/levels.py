@@ -1,4 +1,4 @@
-r"""Rests judged by their own rows: a step, a slope or several levels cut a rest.
+r"""Rests split by their own rows, where they contain a step or a slope.
 
 A window of the detector that holds two positions a few degrees apart may vary less than
 its threshold allows. Where one level ends and another begins, the means of up to
@@ -44,7 +44,7 @@ MEDIAN = 0.4549  # of the square of a normal variable
 
 
 class Step(NamedTuple):
-    """A rest that holds more than one level."""
+    """A rest that contains more than one level."""
 
     rest: tuple[int, int]  # rows start <= k < stop
     levels: tuple[tuple[int, int], ...]  # those that are long enough, rows
@@ -52,7 +52,7 @@ class Step(NamedTuple):
 
 
 def single_levels(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Step]]:
-    """Cut rests of a log where their level changes, six of them or more.
+    """Split the rests of a log where their level changes, if there are six or more.
 
     Parameters
     ----------
@@ -159,12 +159,12 @@ def _cuts(
 
 
 def ticks_of(even: EvenLog, rests: Intervals) -> Intervals:
-    """Ticks that rests of rows touch."""
+    """Ticks that rests of rows cover."""
     return np.stack([even.tick[rests[:, 0]], even.tick[rests[:, 1] - 1] + 1], axis=1)
 
 
 def block_size(even: EvenLog) -> int:
-    """Ticks in a block."""
+    """Number of ticks in a block."""
     return max(1, round(BLOCK * even.rate))
 
 
@@ -174,7 +174,7 @@ def block_differences(even: EvenLog, parts: list[Array]) -> list[Array]:
 
 
 def colour(even: EvenLog, parts: list[Array], noise: Float[Array, "m 3"]) -> float:
-    """Variance of longer means over what such noise of blocks leaves; 1 or more."""
+    """Variance of longer means relative to white noise of the blocks; at least 1."""
     block = block_size(even)
     size, ratio = round(WIDE * even.rate / block), []
     for part, square in zip(parts, noise, strict=True):

@@ -1,4 +1,4 @@
-r"""Rests of an accelerometer during which the gyroscope turns: cut, or left out.
+r"""Rests during which the gyroscope turns: the turning part is cut off.
 
 A turn about the vertical leaves an accelerometer as it is. In a rest the mean of a
 gyroscope's readings over `WINDOW` is its bias and noise,
@@ -40,7 +40,7 @@ LEAST = 1e-4  # of the log's rates: a scale is not known to less, a simulated on
 
 
 class Cut(NamedTuple):
-    """A rest in which the gyroscope turns."""
+    """A rest during which the gyroscope turns."""
 
     rest: tuple[int, int]  # rows start <= k < stop
     kept: tuple[int, int] | None  # of these what is still, None of too little
@@ -72,7 +72,7 @@ class _Still(NamedTuple):
 
 
 def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
-    """Cut rotating parts off the rests of a log, four or more of them.
+    """Cut off the turning parts of a log's rests, if there are four or more.
 
     Parameters
     ----------

@@ -2,11 +2,12 @@
 // plus, minus and the arrows, and 0 or a double click shows all of it again.
 const POINT = /([ML])(-?[\d.]+) (-?[\d.]+)/g; // marks are drawn from theirs with steps
 const between = (a, b, share) => a + share * (b - a);
+const within = (a, b, x) => Math.min(b, Math.max(a, x));
 function evenly(low, high, most) { // round numbers, at most so many
-  const width = (high - low) / most, power = 10 ** Math.floor(Math.log10(width));
-  const step = power * [1, 2, 2.5, 5, 10].find((factor) => factor * power >= width * (1 - 1e-9));
-  const first = Math.ceil(low / step - 1e-9), last = Math.floor(high / step + 1e-9);
-  return Array.from({ length: last - first + 1 }, (_, k) => Number(((first + k) * step).toPrecision(9)));
+  const least = (high - low) / most, power = 10 ** Math.floor(Math.log10(least)), found = [];
+  const step = power * [1, 2, 2.5, 5, 10].find((factor) => factor * power >= least * (1 - 1e-9));
+  for (let k = Math.ceil(low / step - 1e-9); k <= high / step + 1e-9; k++) found.push(Number((k * step).toPrecision(9)));
+  return found;
 }
 
 for (const svg of document.querySelectorAll("svg.long")) {
@@ -18,50 +19,45 @@ for (const svg of document.querySelectorAll("svg.long")) {
   const [left, , right] = sheets[0].ends;
   let [start, width, from] = [0, 1, null]; // what is seen of the axis; where a drag began
 
-  function heights({ ends: [, top, , foot, , , least], ink }, across) { // of the series that are seen
-    const seen = ink.filter(([path]) => path.parentNode.dataset.keys && path.checkVisibility())
-      .flatMap(([, d]) => [...d.matchAll(POINT)]).filter(([, , x]) => across(x) >= left && across(x) <= right)
-      .map((point) => Number(point[3]));
-    if (width === 1 || least === undefined || !seen.length) return [top, foot]; // a logarithm stays
-    const [up, down] = seen.reduce(([a, b], y) => [Math.min(a, y), Math.max(b, y)], [Infinity, -Infinity]);
-    const edge = Math.max((down - up) / 20, (foot - top) / 1000);
-    return [up - edge, down + edge];
-  }
-
-  function rule(axis, [, top, , foot], [a, b], [c, d], flat) { // from places a to b: values c to d
-    const [grid, strokes] = axis.querySelectorAll("path");
+  function rule(axis, [, top, , foot], low, high) { // its lines and names for these values
+    const flat = axis.matches(".x"), [grid, strokes] = axis.querySelectorAll("path");
     const names = [...axis.querySelectorAll("text")].filter((text) => !flat || text.getAttribute("text-anchor") === "middle");
-    const ticks = evenly(c, d, flat ? 6 : 4).map((value) => [between(a, b, (value - c) / (d - c)).toFixed(1), value]);
-    grid.setAttribute("d", ticks.map(([at]) => (flat ? `M${at} ${foot}V${top}` : `M${left} ${at}H${right}`)).join(""));
-    strokes.setAttribute("d", `M${left} ${foot}${flat ? `H${right}` : `V${top}`}`
-      + ticks.map(([at]) => (flat ? `M${at} ${foot}v3` : `M${left} ${at}h-3`)).join(""));
-    axis.append(...(names.length ? ticks : []).map(([at, value]) => {
-      const name = names[0].cloneNode();
-      name.textContent = String(value).replace("-", "−");
+    let [across, along] = ["", `M${left} ${foot}${flat ? `H${right}` : `V${top}`}`];
+    for (const value of evenly(low, high, flat ? 6 : 4)) {
+      const at = between(...(flat ? [left, right] : [foot, top]), (value - low) / (high - low)).toFixed(1);
+      across += flat ? `M${at} ${foot}V${top}` : `M${left} ${at}H${right}`;
+      along += flat ? `M${at} ${foot}v3` : `M${left} ${at}h-3`;
+      if (!names.length) continue;
+      const name = axis.appendChild(names[0].cloneNode());
       name.setAttribute(flat ? "x" : "y", flat ? at : Number(at) + 3.6);
-      return name;
-    }));
+      name.textContent = String(value).replace("-", "−");
+    }
+    grid.setAttribute("d", across);
+    strokes.setAttribute("d", along);
     for (const name of names) name.remove();
   }
 
   function show(a, b) { // a part of the axis, no less than a thousandth of it
-    width = Math.min(1, Math.max(1e-3, b - a));
-    start = Math.min(Math.max(a, 0), 1 - width);
+    width = within(1e-3, 1, b - a);
+    start = within(0, 1 - width, a);
     const across = (x) => between(left, right, ((x - left) / (right - left) - start) / width);
-    for (const sheet of sheets) {
-      const [, top, , foot, low, high, least, most] = sheet.ends;
-      const [up, down] = heights(sheet, across);
-      const to = (y) => between(top, foot, (y - up) / (down - up));
-      for (const [path, d] of sheet.ink) {
+    for (const { ends, axes, ink } of sheets) {
+      const [, top, , foot, low, high, least, most] = ends;
+      const even = width < 1 && least !== undefined; // the axis of a logarithm stays
+      const seen = ink.filter(([path]) => even && path.parentNode.dataset.keys && path.checkVisibility())
+        .flatMap(([, d]) => [...d.matchAll(POINT)]).filter(([, , x]) => across(x) >= left && across(x) <= right)
+        .map((point) => Number(point[3]));
+      const [up, down] = seen.length ? [Math.min(...seen), Math.max(...seen)] : [top, foot];
+      const edge = seen.length && Math.max((down - up) / 20, (foot - top) / 1000);
+      const to = (y) => between(top, foot, (y - up + edge) / (down - up + 2 * edge));
+      for (const [path, d] of ink) {
         path.setAttribute("d", width === 1 ? d : d.replace(POINT, (_, letter, x, y) => `${letter}${across(x).toFixed(1)} ${to(y).toFixed(1)}`));
       }
-      const times = [start, start + width].map((share) => between(low, high, share));
-      const values = [down, up].map((y) => between(most, least, (y - top) / (foot - top)));
-      for (const [axis, before] of sheet.axes) {
+      const value = (y) => between(most, least, (y - top) / (foot - top));
+      for (const [axis, before] of axes) {
         axis.innerHTML = before;
-        if (width === 1) continue;
-        if (axis.matches(".x")) rule(axis, sheet.ends, [left, right], times, true);
-        else if (least !== undefined) rule(axis, sheet.ends, [foot, top], values, false);
+        if (width < 1 && axis.matches(".x")) rule(axis, ends, between(low, high, start), between(low, high, start + width));
+        else if (even) rule(axis, ends, value(down + edge), value(up - edge));
       }
     }
     svg.classList.toggle("zoomed", width < 1);
@@ -72,30 +68,28 @@ for (const svg of document.querySelectorAll("svg.long")) {
   const shade = document.createElementNS("http://www.w3.org/2000/svg", "rect");
   shade.setAttribute("class", "chosen");
   shade.setAttribute("height", "100%");
-  const part = (event) => { // between the pointer and where it began
+  const place = (event) => { // of the pointer along the axis
     const { x, width: wide } = svg.getBoundingClientRect();
-    const at = ((event.clientX - x) / wide * svg.viewBox.baseVal.width - left) / (right - left);
-    return [from ?? at, at].map((share) => Math.min(1, Math.max(0, share))).sort((a, b) => a - b);
+    return within(0, 1, ((event.clientX - x) / wide * svg.viewBox.baseVal.width - left) / (right - left));
   };
   svg.addEventListener("pointerdown", (event) => {
     if (event.button || event.pointerType === "touch") return;
-    [from] = part(event);
+    from = place(event);
     svg.setPointerCapture(event.pointerId);
   });
-  svg.addEventListener("pointermove", (event) => {
-    if (from === null) return;
-    const [a, b] = part(event);
-    shade.setAttribute("x", between(left, right, a));
-    shade.setAttribute("width", (b - a) * (right - left));
-    svg.append(shade);
-  });
-  svg.addEventListener("pointerup", (event) => {
-    if (from === null) return;
-    const [a, b] = part(event);
-    from = null;
-    shade.remove();
-    if (b - a > 0.01) show(start + a * width, start + b * width);
-  });
+  for (const kind of ["pointermove", "pointerup"]) {
+    svg.addEventListener(kind, (event) => {
+      if (from === null) return;
+      const [a, b] = [from, place(event)].sort((one, other) => one - other);
+      shade.setAttribute("x", between(left, right, a));
+      shade.setAttribute("width", (b - a) * (right - left));
+      svg.append(shade);
+      if (kind === "pointermove") return;
+      from = null;
+      shade.remove();
+      if (b - a > 0.01) show(start + a * width, start + b * width);
+    });
+  }
   svg.addEventListener("dblclick", () => show(0, 1));
   svg.addEventListener("keydown", (event) => {
     const [a, b, step] = [start, start + width, width / 4];
@@ -106,10 +100,7 @@ for (const svg of document.querySelectorAll("svg.long")) {
     show(...to);
   });
   const back = document.createElement("button");
-  back.type = "button";
-  back.hidden = true;
-  back.textContent = "Show all";
-  back.addEventListener("click", () => show(0, 1));
+  Object.assign(back, { type: "button", hidden: true, textContent: "Show all", onclick: () => show(0, 1) });
   svg.closest("figure").querySelector(".tools").prepend(back);
   svg.tabIndex = 0;
   svg.setAttribute("aria-label", `${svg.getAttribute("aria-label")}. To see a part of it: drag along the axis, or press plus, minus, the arrows and 0.`);

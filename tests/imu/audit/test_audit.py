@@ -203,6 +203,19 @@ def test_one_seed_of_two_axes_is_seen():
     assert not found.shared
 
 
+def test_noise_in_bursts_is_not_of_one_seed():
+    """Forty loud rows decide a correlation, which chance then makes as great as 0.2."""
+    imu = simulated("right", rng(10))
+    noise = 0.01 * rng(24, 2).standard_normal(imu.accelerometer.shape)
+    noise[800:840] *= 11.0
+    loud = SimulatedImu(
+        time=imu.time, position=imu.position, attitude=imu.attitude,
+        gyroscope=imu.gyroscope, accelerometer=imu.accelerometer + noise,
+    )  # fmt: skip
+    found = audit(loud, declared())
+    assert found.exit_code == 0, str(found)
+
+
 @pytest.mark.parametrize("row", [2, 700])
 def test_readings_far_off_are_told_with_their_time(row):
     imu = simulated("right", rng(13), noise=0.01)

@@ -200,7 +200,7 @@ def test_three_sensors_are_compared_on_what_both_files_have(
     # 12 of one standard deviation, of two files: 12 / (1.96 sqrt 2)
     assert E_n[9] == pytest.approx(12.0 / (1.959964 * np.sqrt(2.0)), rel=1e-6)
     text = " ".join(text.split())
-    assert "B_x of the gyroscope, by" in text
+    assert "B_x of the gyroscope by" in text
     assert found["answers"][0]["answer"] == "fail"
     assert all(note in text for note in found["notes"][1:])  # each warning is seen
     # a noise that B's residuals made larger is known by their degrees of freedom

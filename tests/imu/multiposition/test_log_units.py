@@ -227,6 +227,24 @@ def test_every_command_says_it(simval, half, tmp_path):
     assert abs(noise["sensors"]["accelerometer"]["si_per_raw"] / G0 - 2.0) < 1e-12
 
 
+@pytest.mark.ci
+def test_axes_that_are_wrong_say_nothing_of_a_filter_or_a_motion(
+    simval, half, tmp_path
+):
+    """Noise is no cure for them, no settings are right; a calibration mends both."""
+    fit, six = tmp_path / "fit.json", ("--plugin", "simval:mekf-six")
+    simval("calibrate", half, "--out", fit)
+    code, text, *_ = simval("filter", half, *six)
+    assert code == 0
+    assert "First correct the units and axes" in " ".join(text.split())
+    code, *texts = simval("tell", "--motion", half)
+    assert (code, "z has the wrong sign" in "".join(texts)) == (2, True)
+    code, *texts = simval("filter", half, *six, "--calibration", fit)
+    assert (code, "wrong sign" in "".join(texts)) == (0, False)
+    code, *_ = simval("tell", fit, "--motion", half, "--rate", "4")
+    assert code == 0
+
+
 RIGHT = [
     ("mpu9150/imu0.log", 100.0, {"accelerometer": "m/s^2", "gyro": "rad/s"}),
     ("mpu9150/imu1.log", 100.0, {"accelerometer": "m/s^2", "gyro": "rad/s"}),

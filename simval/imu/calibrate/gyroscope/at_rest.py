@@ -1,4 +1,4 @@
-r"""Bias, temperature and force in a gyroscope's rests, chosen by evidence.
+r"""Bias of a gyroscope at rest, and its dependence on temperature and force.
 
 **Bias.** With the rests' white noise :math:`N^2/T_i` and a walk K of the bias, a
 constant leaves the angle of a rotation of T seconds the variance
@@ -25,6 +25,7 @@ import scipy
 from simval.arrays import Array, ReadOnly, physical_array
 from simval.imu.calibrate.gyroscope.noise import walk_covariance
 from simval.imu.calibrate.gyroscope.rest_effects import (
+    FORCE_ODDS,
     ODDS,
     Rests,
     effect,
@@ -42,7 +43,7 @@ _COPLANAR: Final = 1e-3  # least singular value of (1, f/g) over the greatest
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivity(ReadOnly):
-    """Sensitivity to force as the rests show it."""
+    """Sensitivity of a gyroscope to force, as its rests show it."""
 
     kept: bool
     G: Float[Array, "3 3"]  # raw units per m/s^2; zero where not kept
@@ -55,7 +56,7 @@ class Sensitivity(ReadOnly):
 def choose_bias(
     rests: Rests, walk: Float[Array, "3"], drift: float | None
 ) -> tuple[Bias, float, str]:
-    """Model of the bias, the walk K it was chosen with, and the reason."""
+    """Choose a model of the bias; return it with the walk K used, and the reason."""
     N2 = (walk**2).mean()
     K = walk_of(rests, np.ones((len(rests.times), 1)))[1] if drift is None else drift
     w = rests.seconds / rests.seconds.sum()
@@ -81,7 +82,7 @@ def choose_bias(
 
 
 def walk_of(rests: Rests, X: Float[Array, "n p"]) -> tuple[float, float]:
-    """White scatter and walk of the rests, raw units per root hertz and times it.
+    """White noise and random walk K of the rests, by restricted likelihood.
 
     Most likely for what is left of the rests' means without X (restricted likelihood):
     a scatter that does not grow with the time between rests is no walk.
@@ -114,7 +115,7 @@ def rest_motion(
     time: Any, rates: Any, intervals: Any, rests: Rests, walk: Float[Array, "3"],
     drift: float,
 ) -> tuple[float, float]:  # fmt: skip
-    r"""Chance that still rests leave as much in mean readings and slopes; in slopes.
+    r"""Chance of the scatter and slopes within rests if all are still; of the slopes.
 
     The slopes :math:`\int (2s - 1)\, n\, dt` have the variance :math:`N^2 T_r/3`, and
     the means scatter by N and K about the bias.
@@ -141,7 +142,7 @@ def choose_sensitivity(
     asked: bool | None = None,
     powers: Float[Array, "n d"] | None = None,
 ) -> Sensitivity:
-    """Choose to fit a g-sensitivity by its odds, or as the caller asked.
+    """Decide by the odds, or as asked, whether to fit a g-sensitivity.
 
     `powers` of the temperature are fitted beside it, and come before it in `shape`.
     """
@@ -157,7 +158,7 @@ def choose_sensitivity(
     if n < 5 + lead or values[-1] < _COPLANAR * values[0]:
         why = f"{n} rests" if n < 5 + lead else "rests whose directions lie in a plane"
         return _none(f"{why} cannot show it")
-    found = effect(rests, X[:, :lead], X[:, lead:], walk, drift)
+    found = effect(rests, X[:, :lead], X[:, lead:], walk, drift, FORCE_ODDS)
     if not (found.kept if asked is None else asked):
         return _none(found.reason)
     scale = np.diag([1.0] * lead + [1.0 / g] * 3)
@@ -172,7 +173,7 @@ def choose_sensitivity(
 
 
 class BiasTerms(NamedTuple):
-    """What the bias owes to the temperature, as columns of the rests and the rows."""
+    """Dependence of the bias on temperature, as columns for the rests and the rows."""
 
     thermal: Term | None
     reason: str
@@ -184,7 +185,7 @@ class BiasTerms(NamedTuple):
 
     @property
     def coefficients(self) -> Float[Array, "d 3"]:
-        """Raw units over kelvin to the power."""
+        """Coefficients, raw units per kelvin to the power."""
         if self.thermal is None:
             return np.zeros((0, 3))
         return self.thermal.coefficients
@@ -194,7 +195,7 @@ def bias_terms(
     temperature: Any, time: Any, intervals: Any, rests: Rests,
     force: Float[Array, "n 3"], walk: Float[Array, "3"], drift: float | None,
 ) -> BiasTerms:  # fmt: skip
-    """Choose terms by their odds beside (1, f), where the temperature is known."""
+    """Choose the temperature terms of the bias by their odds against none."""
     n = len(force)
     none = BiasTerms(None, "", np.zeros((4, 4)), np.zeros((n, 0)), np.zeros((0, 0)))
     if temperature is None:

@@ -60,13 +60,13 @@ gyroscope is known to a few percent from its data sheet."""
 def relative_rows(
     by_gyroscope: Float[Array, "r 12"], M: Float[Array, "3 3"]
 ) -> Float[Array, "r 9"]:
-    """Rows by D = dM M^-1, from rows by the entries of M."""
+    """Rows by the relative error D = dM M^-1, from rows by the entries of M."""
     by_matrix = by_gyroscope[:, :MATRIX].reshape(-1, 3, 3)
     return (by_matrix @ M.T).reshape(-1, MATRIX)
 
 
 def worst_sd(covariance: Float[Array, "9 9"], M: Float[Array, "3 3"]) -> float:
-    """Greatest standard deviation of a relative error D of length 1."""
+    """Largest standard deviation of a relative error of length 1."""
     to_relative = np.kron(np.eye(3), np.linalg.inv(M).T)
     values, _ = np.linalg.eigh(to_relative @ covariance @ to_relative.T)
     return np.sqrt(values[-1])
@@ -75,7 +75,7 @@ def worst_sd(covariance: Float[Array, "9 9"], M: Float[Array, "3 3"]) -> float:
 def require_told(
     rows: Float[Array, "r 9"], u: Float[Array, "n 3"], sd: float | None = None
 ) -> TurnObservability:
-    """Require rotations that determine the nine entries of M.
+    """Refuse rotations that do not determine the nine entries of M.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def fit_gyroscope(
 
 
 def sensor_of(recording: Recording) -> Accelerometer:
-    """The accelerometer's readings, with noise that is at least rounding."""
+    """The accelerometer's readings, with at least rounding as their noise."""
     readings = recording.poses[None] if recording.single else recording.poses
     std = np.broadcast_to(floored(recording.pose_std, readings), readings.shape)
     return Accelerometer(
@@ -182,7 +182,7 @@ def sensor_of(recording: Recording) -> Accelerometer:
 def held_of(
     sensor: Accelerometer, theta: Float[Array, "t 9"], residual: str
 ) -> HeldAccelerometer:
-    """The accelerometer with the parameters of its own fit, by that residual."""
+    """The accelerometer with the parameters and errors of its own fit."""
     return HeldAccelerometer(
         readings=sensor.readings, std=sensor.std, model=sensor.model, g=sensor.g,
         theta=theta, error=influence(sensor, theta, residual),
@@ -291,7 +291,7 @@ def first_matrix(
     u: Float[Array, "n 3"],
     before: Int[np.ndarray, " k"],
 ) -> Float[Array, "3 3"]:
-    """Best of the matrices that are a scale times an order of axes."""
+    """The best starting matrix among scaled orders of the axes."""
     way = np.sqrt((statistics[:, :3] ** 2).sum(axis=1)).sum(axis=1)
     typical = np.median(way)
     size = max(1, statistics.shape[-1] // _ENOUGH)
@@ -337,7 +337,7 @@ def approach(
     u: Float[Array, "t n 3"],
     M: Float[Array, "t 3 3"],
 ) -> tuple[Float[Array, "t 3 3"], Float[Array, "t r 12"], Float[Array, "t r"]]:
-    """Plain steps on larger chunks, the bias as the rests say, each trial by itself.
+    """Coarse first steps towards M, on larger chunks and with the bias of the rests.
 
     Returns M, and the derivative and the values of the residuals a small step before.
     """
@@ -362,7 +362,7 @@ def approach(
             step = -np.vecdot(back, e[active][:, None]).reshape(-1, 3, 3)
             length = np.linalg.norm(step, axis=(1, 2))
             length /= np.linalg.norm(M[active], axis=(1, 2))
-            # a step of more than a third is outside of what a linearisation tells
+            # a linearisation holds for steps up to a third
             share = np.minimum(1.0, 0.33 / np.maximum(length, 1e-300))
             M[active] += step * share[:, None, None]
             far = length > _NEAR
@@ -375,7 +375,7 @@ def approach(
 def influence(
     sensor: Accelerometer, theta: Float[Array, "t 9"], residual: str
 ) -> Float[Array, "t 9 m"]:
-    r"""Error of the accelerometer's parameters by unit noise of each pose and axis.
+    r"""Change of the accelerometer's parameters by unit noise of each pose and axis.
 
     Its own fit solves :math:`\sum_i a_i c_i d_i = 0, d = \partial c/\partial\theta`,
     with the weights a of eq. (U1) of `evidence`.
@@ -397,13 +397,13 @@ def influence(
 
 
 def drift(problem: Problem, found: JointSolution, noise: NoiseFactors) -> Drift:
-    """Test for a drift of the gyroscope's bias or gain in one joint fit."""
+    """Test for a drift of the gyroscope's bias or gain in a joint fit."""
     turns, here = problem.turns, found.here
     assert isinstance(turns, InterRest)
     inter_rest, own, white = turns.inter_rest, here.whole[0], here.white[0]
     M = turns.split(found.theta[:, A:])[0][0]
     middle = inter_rest.middles
-    # what is no residual of a rotation tells none
+    # rows that are no residuals of rotations show no drift
     time = np.full(len(white), middle.mean())
     time[: len(own)] = np.repeat(middle, 2)
     columns = {}

@@ -1,4 +1,4 @@
-r"""Noise of a gyroscope, and its bias as the rests show it.
+r"""Noise of a gyroscope and its bias, as the rests show them.
 
 White noise N leaves the angle a random walk of variance :math:`N^2 t`, and the mean of
 a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
@@ -20,7 +20,7 @@ _FLOOR = 1e-11
 
 
 class GyroscopeNoise(NamedTuple):
-    """Noise of the gyroscope, and its bias by the rests."""
+    """Noise of a gyroscope, and what its rests say of its bias."""
 
     angle_random_walk: Float[Array, "3"]  # N of each axis, raw units per root hertz
     bias_random_walk: float  # K, raw units times root hertz
@@ -33,15 +33,15 @@ class GyroscopeNoise(NamedTuple):
 
     @property
     def free(self) -> int:
-        """Parameters of the gyroscope that are estimated."""
+        """Number of the gyroscope's parameters that are estimated."""
         return 12 if self.bias == "constant" else 9
 
     def take(self, trials: Any) -> Self:
-        """That of some trials."""
+        """Select trials."""
         return self._replace(bias_value=self.bias_value[trials])
 
     def beside(self, variance: float) -> Self:
-        """The same with white noise of so much more, N^2, beside it."""
+        """The same with additional white noise, as a variance N^2."""
         w, T = self.weights, self.rest_seconds
         return self._replace(
             angle_random_walk=np.sqrt(self.angle_random_walk**2 + variance),
@@ -50,7 +50,7 @@ class GyroscopeNoise(NamedTuple):
 
     @property
     def none(self) -> Self:
-        """No noise."""
+        """A gyroscope without noise."""
         return self._replace(
             angle_random_walk=np.zeros(3), bias_random_walk=0.0, clock_jitter=0.0,
             bias_std=np.zeros(3),
@@ -58,12 +58,12 @@ class GyroscopeNoise(NamedTuple):
 
 
 def floored(std: Float[Array, "... n a"], readings: Array) -> Float[Array, "... n a"]:
-    """Noise of readings that is at least rounding."""
+    """Noise of readings, but at least their rounding."""
     return np.maximum(std, _FLOOR * np.sqrt((readings**2).mean()))
 
 
 def noise_of(recording: Recording, *, kept: bool = False) -> GyroscopeNoise:
-    """Noise that was given, or that the rests show, and the bias that they say.
+    """Noise as given or as the rests show it, and the bias of the rests.
 
     A constant bias may be `kept` as the rests say it, with nothing estimated.
     """
@@ -95,7 +95,7 @@ def noise_of(recording: Recording, *, kept: bool = False) -> GyroscopeNoise:
 def walk_covariance(
     times: Float[Array, " m"], w: Float[Array, " n"], rests: Float[Array, " n"]
 ) -> Float[Array, "m m"]:
-    """Covariance of a unit walk at some times, less its mean over the rests."""
+    """Covariance of a unit random walk at some times, minus its mean over the rests."""
     every = np.concatenate([times, rests])
     walk = np.minimum(every[:, None], every) - every.min()
     less = np.concatenate([np.eye(len(times)), -np.tile(w, (len(times), 1))], axis=1)

@@ -47,7 +47,7 @@ HOLD: Final = "hold"
 
 
 def across(u: Float[Array, "t k 3"]) -> Float[Array, "t k 2 3"]:
-    """Two unit vectors across each direction, as rows (Duff and others, 2017)."""
+    """Two unit vectors at right angles to each direction (Duff et al., 2017)."""
     x, y, z = np.moveaxis(u, -1, 0)
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
@@ -68,7 +68,7 @@ def inter_rest_residuals(
     E: Float[Array, "s k 2 3"],
     before: Int[np.ndarray, " k"],
 ) -> Float[Array, "t r"]:
-    """Residuals of gravity, eq. (N5), between the rests before and those after them.
+    """Residuals (N5): gravity after each rotation, against the rest that follows.
 
     Directions may be one set for all trials.
     """
@@ -106,7 +106,7 @@ class InterRest:
 
     @property
     def size(self) -> int:
-        """Parameters."""
+        """Number of parameters."""
         return self.noise.free
 
     @property
@@ -116,7 +116,7 @@ class InterRest:
 
     @property
     def item(self) -> tuple[int, int]:
-        """Rotations, and residuals of each."""
+        """Number of rotations, and of residuals for each."""
         return self.inter_rest.statistics.shape[1], self.each
 
     @cached_property
@@ -132,7 +132,7 @@ class InterRest:
         return replace(self, inter_rest=inter_rest, noise=noise)
 
     def errors(self, at: dict[str, Corrected], theta: Array) -> tuple[Beside, ...]:
-        """Errors that may stand beside its noise, of variance 1, in its rows."""
+        """Possible errors beyond the noise, each of variance 1, in the rows."""
         none = replace(self, noise=self.noise.none, hold=0.0, change=0.0)
         w, v = self._compared(at)
         E = self._axes(v)
@@ -154,24 +154,24 @@ class InterRest:
         )
 
     def beside(self, variances: Variances) -> Self:
-        """The same with such errors beside its noise."""
+        """The same gyroscope with such errors added to its noise."""
         return replace(
             self, noise=self.noise.beside(variances[self.name, "rotations"]),
             hold=variances[HOLD, "rotations"], change=variances[self.name, "matrix"],
         )  # fmt: skip
 
     def split(self, theta: Array) -> tuple[Float[Array, "t 3 3"], Float[Array, "t 3"]]:
-        """M, and B less the centre of the readings."""
+        """Split the parameters into M, and B minus the centre of the readings."""
         B = theta[:, 9:] if self.size == 12 else self.noise.bias_value
         return theta[:, :9].reshape(-1, 3, 3), B
 
     def parameters(self, theta: Array) -> Float[Array, "t 12"]:
-        """M row by row and B, raw units."""
+        """The parameters in raw units: M row by row, then B."""
         M, B = self.split(theta)
         return np.concatenate([M.reshape(-1, 9), B + self.inter_rest.centre], axis=1)
 
     def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
-        """Linearised residuals, eq. (N6), and of the bias over the rate."""
+        """Residuals linearised by eq. (N6), then the bias in units of the rate."""
         w, v = self._compared(at)
         E = self._axes(v)
         made, EC = self._linearised(w, v, E, theta)
@@ -214,7 +214,7 @@ class InterRest:
         return Linearised(e, moved, by_angle, whole), EC
 
     def _noise(self, made: Linearised, v: Array, E: Array) -> Float[Array, "t r r"]:
-        # covariance of the rows by the noise, and by errors beside it
+        # covariance of the rows by the noise, and by additional errors
         ends = 3 if self.size == 12 else 0
         V, (t, k, a, _) = covariance(made, self.inter_rest, self.noise, ends), E.shape
         if self.hold > 0.0:
@@ -232,7 +232,7 @@ class InterRest:
     def values(
         self, at: dict[str, Corrected], theta: Array, here: Array
     ) -> Float[Array, "t r"]:
-        """Values of the rows, compared in the axes of a linearisation."""
+        """Residuals at other parameters, in the axes of a linearisation."""
         M, B = self.split(theta)
         C = final_rotations(self.inter_rest.statistics, M, B)
         w, v = self._compared(at)
@@ -244,7 +244,7 @@ class InterRest:
         return np.concatenate(parts, axis=1)
 
     def angles(self, at: dict[str, Corrected], theta: Array) -> Float[Array, "t k"]:
-        """Between gravity as rotated and as read at the end of each rotation, rad."""
+        """Angle between gravity as rotated and as read after each rotation, rad."""
         u = _unit(at["accelerometer"].w)
         C = final_rotations(self.inter_rest.statistics, *self.split(theta))
         before = self.inter_rest.before
@@ -287,7 +287,7 @@ def _at_rests(
 def covariance(
     rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise, ends: int
 ) -> Float[Array, "t q q"]:
-    """Covariance by the gyroscope of the residuals, and of as many rows of the bias."""
+    """Covariance of the residuals, and of rows of the bias, by gyroscope noise."""
     t, k, a, _ = rows.by_angle.shape
     count = k * a
     chunks = slice(1, -1) if inter_rest.means else slice(None)
@@ -331,7 +331,7 @@ def angle_covariance(
 def walk_noise(
     rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r m"]:
-    """Residuals by a bias that walks, where it is held for constant.
+    """Change of the residuals by a bias that walks but is fitted as constant.
 
     A rotation is off by its mean, whose variance is that in the middle less T/6.
     """
@@ -346,7 +346,7 @@ def walk_noise(
 
 
 def change_noise(rows: Linearised, inter_rest: InterRestRotations) -> Array:
-    """Residuals by an M that is another at each time, (t, r, m).
+    """Change of the residuals by an M that varies with time, (t, r, m).
 
     Each entry, relative to the scale of M, has the variance 1 at any time and the
     correlation 1 - |dt|/T over T, from the first rotation to the last: it walks.
@@ -364,7 +364,7 @@ def change_noise(rows: Linearised, inter_rest: InterRestRotations) -> Array:
 def rest_noise(
     rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise, more: int
 ) -> Float[Array, "t r m"]:
-    r"""Residuals, and as many rows of the bias, by the white noise within each rest.
+    r"""Change of residuals and rows of the bias by the white noise in each rest.
 
     Two unit noises of an axis say all: that of the mean reading, of
     :math:`N/\sqrt{T_r}`, and that of its slope, :math:`\int (2s - 1) n\, dt` of
@@ -426,7 +426,7 @@ def bridge_covariance(
 def jitter_covariance(
     moved: Rotations, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t k 3 3"]:
-    r"""Covariance of theta by time stamps that are off, each by itself.
+    r"""Covariance of theta by independent errors of the time stamps.
 
     A stamp that is late by :math:`\delta` lengthens the step before it and shortens
     the next, so the rotation is off by :math:`\delta` times the difference of their
@@ -448,7 +448,7 @@ def jitter_covariance(
 def sensitivity_noise(
     rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r s"]:
-    """Residuals, and last the rests' bias, by a sensitivity that was taken out.
+    """Change of residuals and bias by the error of a g-sensitivity taken out.
 
     The regression on the rests gives each axis a row of G with the covariance
     :math:`N^2 C`; the mean reading less G times the mean force is the bias.

@@ -1,4 +1,4 @@
-r"""What acts on the rests of a gyroscope: odds of columns, each axis with its noise.
+r"""Odds that something acts on the rests of a gyroscope.
 
 With :math:`X_0` what is there in any case and X the columns that are asked for, the
 mean readings of the rests of one axis are
@@ -29,8 +29,10 @@ from simval.arrays import Array
 from simval.shapes import Float
 
 ODDS: Final = 5.0
-"""At which columns are kept: one log of a hundred without an effect exceeds them.
-Measured, `tests/imu/calibrate/test_rest_effects.py`."""
+"""At which a walk or a column of temperature is kept: one log of a hundred without an
+effect exceeds them. Measured, `tests/imu/calibrate/test_rest_effects.py`."""
+FORCE_ODDS: Final = 4.0
+"""At which the three columns of a force are kept, as often where there is none."""
 SIZES: Final = (0.5, 2.0)  # of effects; greater ones are seen whatever is believed
 _WALKS: Final = np.r_[0.0, 10.0 ** np.arange(-2.0, 2.1, 0.5)]  # over the noise's square
 _BEST: Final = 0.4  # share of its greatest that a likelihood has in the mean over walks
@@ -40,7 +42,7 @@ _AXES: Final = np.array(list(product([False, True], repeat=3)))[1:]
 
 
 class Rests(NamedTuple):
-    """Bias and noise of a gyroscope from its rests."""
+    """Mean readings of a gyroscope in its rests, with their times."""
 
     rates: Float[Array, "n 3"]  # mean readings, raw units
     times: Float[Array, " n"]  # s
@@ -51,23 +53,24 @@ class Rests(NamedTuple):
 
 
 class RestEffect(NamedTuple):
-    """What columns do to the rests."""
+    """Effect of some columns on the rests, with its odds."""
 
     odds: float  # natural logarithm
+    needed: float  # for it to be kept
     coefficients: Float[Array, "p 3"]  # of all columns, those asked for last
     covariance: Float[Array, "3 p p"]  # of each axis, as wide as its rests scatter
 
     @property
     def kept(self) -> bool:
-        """True if there is an effect, at `ODDS`."""
-        return self.odds > np.log(ODDS)
+        """True if there is an effect."""
+        return self.odds > np.log(self.needed)
 
     @property
     def reason(self) -> str:
-        """The odds, and those needed."""
+        """Say the odds, and what odds are needed."""
         return (
-            f"odds of an effect {np.exp(min(self.odds, 700.0)):.2g} ({ODDS:g} needed, "
-            "which one log of a hundred without exceeds)"
+            f"odds of an effect {np.exp(min(self.odds, 700.0)):.2g} ({self.needed:g} "
+            "needed, which one log of a hundred without exceeds)"
         )
 
 
@@ -77,8 +80,9 @@ def effect(
     columns: Float[Array, "n m"],
     walk: Float[Array, "3"],
     drift: float | None,
+    needed: float = ODDS,
 ) -> RestEffect:
-    """Odds and coefficients of columns beside what is there in any case.
+    """Odds and coefficients of columns, added to what is there in any case.
 
     By N of each axis, and K of all or what the rests say of each.
     """
@@ -98,11 +102,11 @@ def effect(
         covariance.append(noise * np.linalg.inv(own.T @ own))
     without = null.max(axis=0) + (np.log(_BEST) if len(shares) > 1 else 0.0)
     odds = _odds(without, scipy.special.logsumexp(full, axis=0) - np.log(len(shares)))
-    return RestEffect(odds, coefficients, np.array(covariance))
+    return RestEffect(odds, needed, coefficients, np.array(covariance))
 
 
 def walk_odds(rests: Rests, walk: Float[Array, "3"], drift: float | None) -> float:
-    """Odds of a bias that walks, by K of all or on any axis, natural logarithm."""
+    """Odds of a bias that walks, against a constant one, natural logarithm."""
     steady, none = np.ones((len(rests.times), 1)), np.zeros((len(rests.times), 0))
     (without, _), _ = _tables(rests, steady, none, walk, 0.0)
     (by_walk, _), shares = _tables(rests, steady, none, walk, drift)

@@ -24,7 +24,7 @@ START = ", and give a `start` near the truth"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GyroscopeFit(Estimate):
-    """Calibration of a gyroscope with its accelerometer, one or a batch of trials.
+    """Calibration of a gyroscope with its accelerometer, of one trial or a batch.
 
     Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial
     that was refused is NaN in every number. The gyroscope's axes are those of the
@@ -77,21 +77,21 @@ class GyroscopeFit(Estimate):
 
     @property
     def M(self) -> Float[Array, "... 3 3"]:
-        """Raw units to rad/s in the accelerometer's axes, (..., 3, 3)."""
+        """Matrix from raw units to rad/s in the accelerometer's axes, (..., 3, 3)."""
         return self.parameters[..., :9].reshape(*self.parameters.shape[:-1], 3, 3)
 
     @property
     def B(self) -> Float[Array, "... 3"]:
-        """Bias, raw units, (..., 3); of a line its mean over the rests."""
+        """Bias, raw units, (..., 3); of a line in time, its mean over the rests."""
         return self.parameters[..., 9:]
 
     @property
     def own_covariance(self) -> Float[Array, "... 12 12"]:
-        """Covariance of the twelve parameters, (..., 12, 12)."""
+        """Covariance of the gyroscope's twelve parameters, (..., 12, 12)."""
         return self.covariance[..., 9:, 9:]
 
     def factors(self, form: Factors = "misalignment-scale") -> GyroscopeFactors:
-        """M of one fit as others write it, with its covariance.
+        """Write M of one fit in another convention, with its covariance.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class GyroscopeFit(Estimate):
         return gyroscope_factors(self.M, self.own_covariance[:9, :9], form=form)
 
     def to_form(self, model: Model) -> "GyroscopeFit":
-        """Return one fit for another form of the accelerometer.
+        """Return one fit on the axes of another form of the accelerometer.
 
         The accelerometer's axes turn by Q and M becomes Q M, the gauge of
         `simval.imu.sensor.models`; Q depends on the accelerometer's parameters, so the
@@ -156,7 +156,7 @@ class GyroscopeFit(Estimate):
         return GyroscopeModel(M=self.M, B=self.B)
 
     def as_object(self) -> dict[str, Any]:
-        """One fit as plain JSON values.
+        """Return one fit as plain JSON values.
 
         Returns
         -------

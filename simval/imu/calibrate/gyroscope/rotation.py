@@ -45,7 +45,7 @@ _CACHED = 1 << 13  # chunks worked at once: thirty arrays of 64 kB stay in the c
 
 
 class Rotations(NamedTuple):
-    """Rotations between rests for one guess of the parameters."""
+    """Rotations between rests at one guess of the parameters."""
 
     statistics: Float[Array, "t k 10 j"]
     M: Float[Array, "t 3 3"]
@@ -55,13 +55,13 @@ class Rotations(NamedTuple):
     D: Float[Array, "t k 9 j"]  # of each chunk
 
     def by_rate(self, scale: Any = 1.0) -> Float[Array, "t k 3 j 3"]:
-        """Slope D M of theta by the integrated reading of each chunk, axes scaled."""
+        """Derivative D M of theta by the integrated reading of each chunk."""
         t, k, _, j = self.D.shape
         D = self.D.reshape(t, k, 3, 3, j).transpose(0, 1, 2, 4, 3)
         return D @ (self.M * scale)[:, None, None]
 
     def by_line(self, weights: Float[Array, "k j"]) -> Float[Array, "t k 3 3"]:
-        """Slope of theta by a bias with such weights along each rotation."""
+        """Derivative of theta by a bias with such weights along each rotation."""
         moments = self.D @ (self.statistics * weights[:, None]).mT
         t, k = moments.shape[:2]
         slopes = map_slopes(self.M, self.B)[:, None, :, 9:]
@@ -128,7 +128,7 @@ def final_rotations(
     M: Float[Array, "m 3 3"],
     B: Float[Array, "m 3"],
 ) -> Float[Array, "t k 3 3"]:
-    """C alone, of many trials for one guess each, or of one for many guesses."""
+    """The rotation C alone, for one guess a trial or for many guesses of one trial."""
     t, k = max(len(statistics), len(M)), statistics.shape[1]
     phi = _vectors(statistics, M, B)
     q = quaternions(phi, *_angles(phi))
@@ -179,7 +179,7 @@ def quaternions(
 def product(
     p: Inexact[Array, "2 ..."], q: Inexact[Array, "2 ..."]
 ) -> Inexact[Array, "2 ..."]:
-    """Hamilton's product: first p, then q about the axes that p left."""
+    """Hamilton's product: first p, then q about the axes that p has turned."""
     turned = q.conj()
     result = p[0] * q
     result[0] -= p[1] * turned[1]
@@ -188,7 +188,7 @@ def product(
 
 
 def prefixes(q: Inexact[Array, "2 n j"]) -> Inexact[Array, "2 n i"]:
-    """Products of the first 0, 1, ... quaternions, in blocks: few, long operations."""
+    """Products of the first 0, 1, 2 ... quaternions."""
     many, count = q.shape[1], q.shape[2] + 1
     size = max(1, round(count**0.5))
     blocks = -(-count // size)

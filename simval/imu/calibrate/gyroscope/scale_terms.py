@@ -1,4 +1,4 @@
-"""Scale of a gyroscope that depends on its temperature, by the rotations."""
+"""Scale of a gyroscope that changes with temperature, seen in its rotations."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -23,11 +23,11 @@ from simval.imu.calibrate.recording import Recording
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT
 from simval.imu.calibrate.thermal import TERMS, Term
 from simval.shapes import Float
-from simval.text import chance_words
+from simval.spelling import chance as p_words
 
 
 class Gain(NamedTuple):
-    """What the scale of a gyroscope owes to temperature."""
+    """Dependence of a gyroscope's scale on temperature."""
 
     thermal: Term | None = None  # terms of its bias among them
     reason: str = ""
@@ -42,7 +42,7 @@ def scale_terms(
     recording: Recording, time: Any, gyroscope: Any, rests: Any, warm: BiasTerms,
     how: dict[str, Any], offset: Any,
 ) -> Gain:  # fmt: skip
-    """Choose a scale linear in temperature by the rotations, where they tell it.
+    """Decide whether the rotations show a scale that is linear in temperature.
 
     By their residuals, weighed by the noise of both sensors, with M fitted anew for a
     small scale of each axis by turns, and the F test of `goodness_of_fit.Drop`.
@@ -88,8 +88,8 @@ def scale_terms(
     covariance = scatter / left * inverse @ inverse.T
     by = (M[1:] - M[0]).reshape(3, 9) / _STEP
     said = (
-        "scale of the gyroscope in temperature: line; without an effect its chance is "
-        f"{chance_words(chance, 2)} ({FALSE_ALARM:g} allowed)"
+        "scale of the gyroscope: linear in temperature, as the rotations show an "
+        f"effect ({p_words(chance)})"
     )
     return Gain(
         _with_scale(warm, kappa, covariance, centre, left), said,

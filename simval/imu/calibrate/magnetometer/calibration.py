@@ -57,7 +57,7 @@ FEWEST_KNOWN = 7
 
 
 def checked_known(known: Any, recording: Recording) -> FitResult:
-    """Return an accelerometer's calibration whose covariance can be inverted."""
+    """Check that a known accelerometer's covariance can be inverted."""
     known = instance("known", known, FitResult)
     require_same("known", known, recording)
     known = known.with_gravity(0.0)  # these poses took the same g
@@ -97,7 +97,7 @@ def _require_enough(count: int, known: FitResult | None) -> None:
 
 
 class Scaled(NamedTuple):
-    """A block of trials in the units of the fit, and the way back."""
+    """A block of trials in scaled units, with what is needed to scale back."""
 
     problem: Problem
     finite: Any  # bool, (t,)
@@ -107,7 +107,7 @@ class Scaled(NamedTuple):
     def physical(
         self, theta: Float[Array, "t 22"], covariance: Float[Array, "t 22 22"]
     ) -> tuple[Float[Array, "t 22"], Float[Array, "t 22 22"]]:
-        """Parameters and covariance in their own units, the dip for its sine."""
+        """Scale parameters and covariance back; the sine of the dip becomes the dip."""
         slope = np.array(self.sizes)
         values = theta * self.sizes + self.shifts
         with np.errstate(invalid="ignore"):  # of a trial that will be refused
@@ -119,7 +119,7 @@ class Scaled(NamedTuple):
 def scale(
     recording: Recording, rows: slice = slice(None), known: FitResult | None = None
 ) -> Scaled:
-    """Move both sensors' readings of some trials to their middle, at unit size."""
+    """Centre both sensors' readings of some trials and scale them to unit size."""
     count = recording.poses.shape[-2]
     noise = recording.pose_std, recording.field_std
     raw = [each.reshape(-1, count, 3)[rows] for each in means_of(recording)]

@@ -40,7 +40,7 @@ _TAIL = 1e-3  # of the chi-square, beyond which the scatter seen widens the bars
 
 
 class CompassCode:
-    """Status of a trial: where its words stand in `STATUS_NAMES`."""
+    """Status of a trial, as an index into `STATUS_NAMES`."""
 
     CONVERGED, MAX_ITERATIONS, NON_FINITE, RANK, VERTICAL, WIDE = range(6)
     HEMISPHERE, AMBIGUOUS = range(6, 8)
@@ -61,7 +61,7 @@ STATUS_NAMES = np.array(
 
 
 class Fitted(NamedTuple):
-    """Trials at the end of their fit, in its scaled units."""
+    """Trials where their fit ended, in scaled units."""
 
     problem: Problem
     theta: Float[Array, "t 22"]
@@ -80,7 +80,7 @@ class Fitted(NamedTuple):
         converged: Any = True,
         here: Whitened | None = None,
     ) -> "Fitted":
-        """Work out covariance and evidence at solutions, linearised unless given."""
+        """Compute covariance and rank at the solutions."""
         with np.errstate(all="ignore"):  # hopeless trials are NaN
             here = here or problem.local(theta)
             covariance, pivot = here.covariance()
@@ -98,7 +98,7 @@ class Fitted(NamedTuple):
 
     @property
     def dof(self) -> int:
-        """Equations, and what is known of the accelerometer, less parameters."""
+        """Degrees of freedom: equations and prior knowledge, minus parameters."""
         return freedoms(self.problem)
 
     @property
@@ -108,13 +108,13 @@ class Fitted(NamedTuple):
 
 
 def freedoms(problem: Problem) -> int:
-    """Degrees of freedom."""
+    """Degrees of freedom of a problem."""
     known = 0 if problem.prior is None else 9
     return 3 * problem.accelerometer.readings.shape[1] + known - PARAMETERS
 
 
 def seen_over_stated(chi_square: Float[Array, " t"], dof: int) -> Float[Array, " t"]:
-    """Factor by which the scatter seen exceeds the noise stated, 1 where chance can."""
+    """Factor by which scatter exceeds the stated noise; 1 if chance explains it."""
     if dof <= 0:
         return np.ones(len(chi_square))
     limit = 2.0 * scipy.special.gammaincinv(dof / 2.0, 1.0 - _TAIL)
@@ -124,7 +124,7 @@ def seen_over_stated(chi_square: Float[Array, " t"], dof: int) -> Float[Array, "
 def natural_sd(
     model: str, theta: Array, at: dict[str, Corrected], covariance: Array
 ) -> Float[Array, "t 25"]:
-    """Standard deviations of E, M db of both sensors and ds: natural sizes."""
+    """Standard deviations in natural sizes: of E, of M db for both sensors, of ds."""
     count = len(theta)
     carry = np.zeros((count, 25, PARAMETERS))
     bad = np.asarray(~np.isfinite(theta).all(axis=1))
@@ -148,7 +148,7 @@ def natural_sd(
 
 
 def judge(fit: Fitted, hemisphere: str) -> Any:
-    """Code of each trial from its fit."""
+    """Status code of each trial, from its fit."""
     sine = fit.theta[:, DIP]
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(fit.covariance[:, DIP, DIP])
@@ -196,7 +196,7 @@ def refuse_still(readings: dict[str, Float[Array, "n 3"]]) -> None:
 
 
 def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> None:
-    """Raise what is wrong with one set, of geometry where its poses leave it open."""
+    """Raise the error of one refused set; geometry if its poses leave the fit open."""
     body, field = poses["accelerometer"], poses["magnetometer"]
     half_width, sine = float(fit.half_width[0]), float(fit.theta[0, DIP])
     noise = max(each.std.max() for each in fit.problem.sensors)
@@ -308,7 +308,7 @@ def _geometry_words(body: Float[Array, "n 3"], field: Float[Array, "n 3"]) -> st
 def nominal_rank(
     body: Float[Array, "n 3"], field: Float[Array, "n 3"], noise: float
 ) -> int:
-    """Rank of the equations above the relative noise, both sensors taken as ideal."""
+    """Rank of the equations above the noise, with both sensors taken as ideal."""
     middle = (field.max(axis=0) + field.min(axis=0)) / 2.0
     up, along = _directions(body, 0.0), _directions(field, middle)
     theta = np.zeros((1, PARAMETERS))

@@ -1,4 +1,4 @@
-r"""Findings to read before a magnetometer's calibration is used.
+r"""Warnings about a magnetometer's calibration, to be read before it is used.
 
 **Poses that do not fit the others, and a field that varies with time.**
 
@@ -38,7 +38,7 @@ FALSE_ALARM = 0.01
 
 
 def pose_chi_squares(fit: Fitted) -> Float[Array, " n"]:
-    """Chi-square of each pose of one set, eq. (M5); NaN where none is left."""
+    """Chi-square of each pose of one set, eq. (M5); NaN where it has no freedom."""
     count, rows = fit.here.white.shape[1], len(fit.here.rows[0])
     items = np.zeros((count, rows, 3))
     items[:, : 3 * count] = (
@@ -48,7 +48,7 @@ def pose_chi_squares(fit: Fitted) -> Float[Array, " n"]:
 
 
 def drift(fit: Fitted, time: Float[Array, " n"]) -> Drift:
-    """Test for a strength of the field that drifts in one set."""
+    """Test whether the strength of the field drifts during one set."""
     here, whole = fit.here, np.zeros_like(fit.here.rows[0])
     own = (here.white[0] @ np.array([0.0, -2.0, fit.theta[0, DIP]])).ravel()
     whole[: own.size] = own
@@ -72,11 +72,11 @@ _TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
 
 
 def look(fit: Fitted, time: Float[Array, " n"], iron: float) -> dict[str, Any]:
-    """Findings of one set, its hard iron in strengths of the field."""
+    """Warnings about one set; its hard iron in units of the field."""
     poses, varies = pose_chi_squares(fit), drift(fit, time)
     steady = not varies.p_value < FALSE_ALARM
     # a pose that is far off bends any curve, and a field that varies puts poses off:
-    # what takes more off the chi-square is said
+    # the one that lowers chi-square more is reported
     worst: tuple[int, ...] = ()
     rest = 1.0
     if steady or varies.drop < np.nanmax(poses, initial=0.0):
@@ -224,7 +224,7 @@ def _geometry(fit: Fitted) -> Remark | None:
 
 
 def even_sd(fit: Fitted) -> Float[Array, "25"]:
-    """Natural error bars of as many poses turned evenly to all sides."""
+    """Error bars in natural sizes of as many poses, spread evenly."""
     directions = even_poses(np.clip(fit.theta[0, DIP], -1.0, 1.0))
     given = fit.problem.sensors
     at = fit.here.at
@@ -240,7 +240,7 @@ def even_sd(fit: Fitted) -> Float[Array, "25"]:
 
 
 def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Up and field directions of poses that are turned evenly to all sides."""
+    """Up and field directions in poses that are spread evenly."""
     up = np.repeat(fibonacci_sphere(_TILTS), _HEADINGS, axis=0)
     # the heading turns on from tilt to tilt by the golden angle
     angle = np.arange(len(up)) * (2.0 * np.pi / _HEADINGS + np.pi * (3.0 - 5.0**0.5))

@@ -77,13 +77,13 @@ class MagnetometerFit(Estimate):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the 22 parameters; the accelerometer's b is named acc_b."""
+        """Names of the 22 parameters; the accelerometer's bias is named acc_b."""
         first = forms.names(self.model)
         return (*(f"acc_{x}" if x in OWN_NAMES else x for x in first), *OWN_NAMES)
 
     @property
     def M(self) -> Float[Array, "... 3 3"]:
-        """Raw units to units of field, onto the accelerometer's axes, (..., 3, 3)."""
+        """Matrix from raw units to field, accelerometer's axes, (..., 3, 3)."""
         values = self.parameters[..., MATRIX]
         return values.reshape(*values.shape[:-1], 3, 3)
 
@@ -99,12 +99,12 @@ class MagnetometerFit(Estimate):
 
     @property
     def own_covariance(self) -> Float[Array, "... 13 13"]:
-        """Covariance of the thirteen of the magnetometer, (..., 13, 13)."""
+        """Covariance of the magnetometer's thirteen parameters, (..., 13, 13)."""
         return self.covariance[..., 9:, 9:]
 
     @property
     def chi2_per_dof(self) -> Any:
-        """Chi-square per degree of freedom, (...); NaN without any."""
+        """Chi-square per degree of freedom, (...); NaN without freedom."""
         return self.chi_square / (self.dof if self.dof > 0 else np.nan)
 
     @property
@@ -129,7 +129,7 @@ class MagnetometerFit(Estimate):
         return MagnetometerModel(M=self.M, b=self.b)
 
     def accelerometer(self) -> AccelerometerModel:
-        """Return the accelerometer of a single fit, whose axes M refers to.
+        """Return the accelerometer of a single fit, in whose axes M is.
 
         Returns
         -------
@@ -146,7 +146,7 @@ class MagnetometerFit(Estimate):
         return AccelerometerModel.from_parameters(values, model=self.model)
 
     def as_document(self) -> dict[str, Any]:
-        """Return a single fit as JSON can hold it.
+        """Return a single fit as plain JSON values.
 
         Returns
         -------

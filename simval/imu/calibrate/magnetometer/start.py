@@ -71,7 +71,7 @@ class Shape(NamedTuple):
 
 
 def start(problem: Problem) -> Float[Array, "t 22"]:
-    """Start of the 22 parameters; those of a known accelerometer as they are."""
+    """Starting point of the 22 parameters; a known accelerometer keeps its own."""
     body, iron = both_shapes(problem)
     turn, sine = turn_between(*seen(problem, body, iron))
     return assembled(body, iron, turn, sine)
@@ -80,7 +80,7 @@ def start(problem: Problem) -> Float[Array, "t 22"]:
 def both_shapes(
     problem: Problem, *, spheres: bool = False
 ) -> tuple[Float[Array, "t 9"], Shape]:
-    """Parameters of the accelerometer, and the shape of the magnetometer."""
+    """Starting parameters of the accelerometer, and the magnetometer's ellipsoid."""
     least = np.inf if spheres else _QUADRIC
     iron = shape(problem.magnetometer.readings, least)
     if problem.prior is not None:
@@ -93,7 +93,7 @@ def both_shapes(
 def seen(
     problem: Problem, body: Float[Array, "t 9"], iron: Shape
 ) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
-    """Up on the accelerometer's axes, and the field on the magnetometer's own."""
+    """Up in the accelerometer's axes, and the field in the magnetometer's own axes."""
     up = problem.accelerometer.corrected(body).w
     return up, (problem.magnetometer.readings - iron.bias[:, None]) @ iron.root
 
@@ -101,7 +101,7 @@ def seen(
 def assembled(
     body: Float[Array, "t 9"], iron: Shape, turn: Array, sine: Array
 ) -> Float[Array, "t 22"]:
-    """The 22 parameters of two shapes and the turn between them."""
+    """The 22 parameters, from two ellipsoids and the turn between their axes."""
     theta = np.empty((len(body), PARAMETERS))
     theta[:, ACCELEROMETER] = body
     theta[:, MATRIX] = (turn @ iron.root).reshape(-1, 9)
@@ -111,7 +111,7 @@ def assembled(
 
 
 def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
-    """The ellipsoid through each trial's readings, or a sphere where there is none."""
+    """The ellipsoid through each trial's readings; a sphere where there is none."""
     root: Array = np.empty((len(z), 3, 3))
     centre: Array = np.empty((len(z), 3))
     found = np.zeros(len(z), dtype=bool)
@@ -143,7 +143,7 @@ def _spheres(
 def turn_between(
     up: Float[Array, "t n 3"], field: Float[Array, "t n 3"]
 ) -> tuple[Float[Array, "t 3 3"], Float[Array, " t"]]:
-    """Turn from the magnetometer's axes and sine of the dip, eq. (M3)."""
+    """Turn between the sensors' axes, and the sine of the dip, eq. (M3)."""
     count = len(up)
     rows = outer(up, field).reshape(count, -1, 9)
     rows = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
@@ -163,7 +163,7 @@ def refined(
     turn: Float[Array, "... 3 3"],
     sine: Float[Array, " t"],
 ) -> tuple[Float[Array, "t 3 3"], Float[Array, " t"]]:
-    """Turn and sine of the dip that make the sum of (u'R m + s)^2 least."""
+    """Turn and sine of the dip that minimise the sum of (u'R m + s)^2."""
     for _ in range(_STEPS):
         turned = field @ turn.mT
         rows = np.cross(turned, up)  # d(u' exp([f x]) R m) = f . (R m x u)
@@ -198,7 +198,7 @@ _SAME = 1e-3  # of the parameters in scaled units: two ends of the same answer
 
 
 def solve(problem: Problem) -> tuple[JointSolution, Any]:
-    """Solution of each trial, and whether no other fits as well, (t,) of bool."""
+    """Solution of each trial, and whether it is the only one that fits."""
     with np.errstate(all="ignore"):  # a hopeless trial has NaN, and is refused
         if problem.accelerometer.readings.shape[1] >= ENOUGH:
             theta = start(problem)
@@ -306,7 +306,7 @@ def _best(problem: Problem, found: list[JointSolution]) -> tuple[JointSolution, 
 
 
 def twin(theta: Float[Array, "t 22"]) -> Float[Array, "t 22"]:
-    """Parameters that fit alike: (-M, -s)."""
+    """The other parameters that fit as well: (-M, -s)."""
     turned = np.array(theta)
     turned[:, MATRIX] *= -1.0
     turned[:, DIP] *= -1.0
