@@ -16,7 +16,7 @@ FLOORS = {  # the highest row of each, and what it is
     WALL: "what is tested",
     "consistency": "what all share",
 }
-STEP, LEFT, WIDTH = 34.0, 170.0, 250.0
+STEP, LEFT, WIDTH = 34.0, 195.0, 290.0
 
 
 def rows() -> list[tuple[tuple[str, ...], str]]:
@@ -30,9 +30,8 @@ def rows() -> list[tuple[tuple[str, ...], str]]:
 def house() -> Drawing:
     """The rows as boxes, and the wall."""
     found = rows()
-    d = Drawing(
-        880, int(STEP * len(found)) + 20, "The layers of simval, each on those below it"
-    )
+    title = "The layers of simval, each on those below it"
+    d = Drawing(1000, int(STEP * len(found)) + 20, title)
     for k, (names, said) in enumerate(found):
         y = 10.0 + STEP * k
         floor = next((FLOORS[name] for name in names if name in FLOORS), "")
@@ -40,8 +39,8 @@ def house() -> Drawing:
         if floor:
             d.words((10.0, y + 19.0), floor, "faint", "start")
         if WALL in names:
-            d.line((10.0, y - 4.0), (870.0, y - 4.0), "sensor")
-            d.words((870.0, y - 9.0), "the wall", "sensor", "end")
+            d.line((10.0, y - 4.0), (990.0, y - 4.0), "sensor")
+            d.words((990.0, y - 9.0), "the wall", "sensor", "end")
         d.box((LEFT, y), (WIDTH, STEP - 8.0), own)
         inside = ", ".join(names).replace("_", " ").strip()
         d.words((LEFT + WIDTH / 2.0, y + 18.0), inside, own)

@@ -32,6 +32,7 @@ class Reason(NamedTuple):
     more: str = ""  # what it rests on, and what is not wrong
     look: str = ""
     command: str = ""
+    for_what: str = "Compute again"  # what the command is for
 
 
 def reason(context: Context) -> Reason | None:
@@ -65,12 +66,15 @@ def _of_filter(context: Context, name: str) -> Reason | None:
         return None
     more = [cause.rests for cause in causes]
     more += [f"{begun(each)}." for each in sound(cells)]
-    command = reproduce(cells[0].named, context.folder)
+    command, for_what = reproduce(cells[0].named, context.folder), "Compute again"
+    if own(name):  # in other cells, so of other numbers than these
+        command, for_what = shlex.join(["simval", "check", name]), "After a change"
     return Reason(
         f"{one_line(name)}: {'; '.join(cause.reason for cause in causes)}.",
         " ".join(filter(None, more)),
         " ".join(filter(None, (cause.look for cause in causes))),
-        shlex.join(["simval", "check", name]) if own(name) else command,
+        command,
+        for_what,
     )
 
 

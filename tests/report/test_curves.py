@@ -183,7 +183,7 @@ def said(sigmas, **more):
         ([1.0, -1.0, 0.5], {"error": 3.0}, "cannot be distinguished from zero"),
         # nor does one agree within 720 % that chance puts so far out
         ([BAND + 0.01, 0.0, 0.0], {"error": 3.0},
-         "The sd: 2 cannot be distinguished from zero; 1 of 3 values lies 2.4 standard"),
+         "The sd: 2 cannot be distinguished from zero; 1 of 3 values lies 2.4"),
         ([2.0], {"error": 3.0}, "The sd: 1 of 1 value lies 2.0 standard errors from"),
         # what theory leaves out is not held against it: of 2, so 55 errors
         ([0.0, 50.0, 0.0], {"remainder": np.array([0.0, 1.1, 0.0])},

@@ -88,7 +88,8 @@ def test_where_no_setting_is_right(advised):
     assert give.answer == "fail"
     assert give.headline.startswith("No setting")
     assert "--band" in give.do
-    check_faces(found.account)
+    for each in (found, none):
+        check_faces(each.account)
     text = " ".join("\n".join(lines(found.account, verbose=True)).split())
     assert found.account.replies[0].headline in text
 

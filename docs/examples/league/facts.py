@@ -74,7 +74,8 @@ def versions_of(run):
 def table(study):
     """Lines of Markdown: a row for each algorithm."""
     kinds = list(dict.fromkeys(kind for own in study.values() for kind in own))
-    head = ["algorithm", *kinds, "exact cases that fail"]
+    heads = [f"error over bound, {kind}" for kind in kinds]
+    head = ["algorithm", *heads, "exact cases that fail"]
     lines = [head, ["---"] * len(head)]
     for name, own in study.items():
         cells = [_cell(own[kind]) for kind in kinds]

@@ -48,13 +48,15 @@ def _short_run(plugin):
 
 
 def filter_table(study, own, cell):
-    """Lines of Markdown: a row for each filter, by its defaults and told the truth."""
+    """Lines of Markdown: a row for each filter, by its own settings and by others."""
     scenarios = list(dict.fromkeys(s for each in study.values() for s in each))
     rows = {}
     for name in study:
         rows.setdefault(TOLD.sub("", name), {})[bool(TOLD.search(name))] = name
-    kinds = [f"{s}, {k}" for s in scenarios for k in ("default", "told or tuned")]
-    head = ["filter", "world", *kinds, "us a row", "lacks"]
+    kinds = [
+        f"{s}, {k}" for s in scenarios for k in ("own settings", "true noise or tuned")
+    ]
+    head = ["filter", "world", *kinds, "µs per row", "has no"]
     lines = [head, ["---"] * len(head)]
     for base, names in rows.items():
         cells = [

@@ -410,7 +410,8 @@ def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, Remark]) -> Rep
             headline = "Some slow noise is below what this rest can show (<). To see "
             headline += "it, record a rest several times longer."
     elif any(varies(axis) for s in sensors for axis in s.axes):
-        headline = "Read below why no model fits."
+        headline = "If the sensor moved, name a part in which it rests (--from, "
+        headline += "--until, --rest); else read below why no model fits."
     else:
         headline = "Record with a finer resolution or a narrower range."
     return Reply(

@@ -486,7 +486,7 @@ def _values(done: Sequence[Any]) -> Iterator[Values]:
 def _errors(own: Sequence[Any], *, free: bool) -> Values:
     squares = {_of("NEES", [x.truth.nees for x in own]): [x.truth.nees for x in own]}
     if free:
-        squares["drift's of 1"] = [x.truth.drift for x in own]
+        squares["drift of 1"] = [x.truth.drift for x in own]
     squares[_of("NIS", [x.nis for x in own])] = [x.nis for x in own]
     lines = []
     for k, each in enumerate(own):

@@ -219,11 +219,15 @@ def row_centre(
     quiet = jumps[: len(jumps) // size * size].reshape(-1, size).mean(axis=1).min()
     noise = 0.5 * quiet * shown.shape[1] / size
     real = fit.weight @ np.maximum(fit.rest - noise, 0.0)
+    coherent = COHERENT * float(np.sqrt(real / (fit.weight @ fit.moves)))
+    # a row after a hole is of the hole or of its last step: it moves c by up to a step
+    missed = np.maximum(np.rint(np.diff(time[rows], axis=1) / step) - 1.0, 0.0)
+    holes = step * float(missed.mean())
     return RowCentre(
         by=by,
         centre=centre,
         sd=float(fit.sd[0]) / -slope,
-        coherent=COHERENT * float(np.sqrt(real / (fit.weight @ fit.moves))) / -slope,
+        coherent=float(np.hypot(coherent, holes)) / -slope,
         apart=float(apart) / -slope,
         left=float(np.mean(fit.rest) / np.mean(shown**2)),
         windows=len(starts),

@@ -218,7 +218,7 @@ def test_a_log_of_six_axes_is_measured_and_a_nine_axis_filter_told_so(folder, ca
     assert bold["nees"]["verdict"] == "overconfident"
     assert found["told"]["field"] == [None] * 3
     assert found["truth"]["world"]["heading_half"] is None
-    for line in ("heading since the first row with truth", "bound", "drift's of 1"):
+    for line in ("heading since the first row with truth", "bound", "drift of 1"):
         assert line in printed.out
     assert "mine and greedy were not measured" in printed.out
     assert "nan" not in printed.out
