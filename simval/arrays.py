@@ -225,6 +225,15 @@ def frozen(array: Any) -> Array:
     return copy
 
 
+def json_values(values: Any) -> Any:
+    """Values as JSON holds them, nested as they are; None for what is not finite."""
+    array = np.asarray(values)
+    found = array.astype(object)
+    if array.dtype.kind == "f":
+        found[~np.isfinite(array)] = None
+    return found.tolist()
+
+
 class ReadOnly:
     """Base of a frozen dataclass whose arrays are its own: read-only float64 copies."""
 

@@ -23,7 +23,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, Scalars, finite_array, physical_array
+from simval.arrays import Array, Scalars, finite_array, outer, physical_array
 from simval.errors import InputError
 from simval.shapes import Float, Shaped
 
@@ -100,9 +100,8 @@ def attitude_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 3 3"]:
     """Matrix that takes reference coordinates to body coordinates, eq. (G1)."""
     q = unit_quaternions("q", q)
     e, s = q[..., :3], q[..., 3, None, None]
-    outer = e[..., :, None] * e[..., None, :]
     squared = np.sum(e * e, axis=-1)[..., None, None]
-    return (s * s - squared) * np.eye(3) + 2.0 * outer - 2.0 * s * cross_matrix(e)
+    return (s * s - squared) * np.eye(3) + 2.0 * outer(e, e) - 2.0 * s * cross_matrix(e)
 
 
 def cross_matrix(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
@@ -112,6 +111,11 @@ def cross_matrix(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     rows = [zero, -z, y, z, zero, -x, -y, x, zero]
     return np.stack(rows, axis=-1).reshape(*v.shape[:-1], 3, 3)
+
+
+def axial(D: Shaped[Array, "3 3"]) -> Shaped[Array, "3"]:
+    """Vector of the skew part of a matrix, ``cross_matrix(axial(D)) == D - D.T``."""
+    return np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
 
 
 def cross(

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, ReadOnly, finite_array, physical_array
+from simval.arrays import Array, ReadOnly, finite_array, outer, physical_array
 from simval.errors import InputError
 from simval.files import MOST_DOCUMENT, read_text
 from simval.geometry import normalize
@@ -222,9 +222,9 @@ def best_addition(
     """
     size = np.sqrt(np.diagonal(given) + np.linalg.diagonal(added).max(axis=0))
     size = np.where(size > 0.0, size, 1.0)
-    outer = np.outer(size, size)
-    parts = added / outer
-    later = given / outer + parts
+    sizes = np.outer(size, size)
+    parts = added / sizes
+    later = given / sizes + parts
     values = np.linalg.eigvalsh(later)
     full = values[:, 0] > _RANK_TOLERANCE * values[:, -1]
     score = np.full(len(parts), np.inf)
@@ -244,7 +244,7 @@ def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
     jacobian = physical_array("jacobian", jacobian, (None, PARAMETERS))
     given = jacobian.reshape(-1, PARAMETERS)
     rows = direction_jacobian(candidates)
-    return candidates[best_addition(given.T @ given, rows[:, :, None] * rows[:, None])]
+    return candidates[best_addition(given.T @ given, outer(rows, rows))]
 
 
 def describe(directions: Float[Array, "n 3"]) -> str:

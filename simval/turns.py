@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from simval.arrays import Array, ReadOnly, finite_array
+from simval.arrays import Array, ReadOnly, finite_array, outer
 from simval.errors import InputError
 from simval.geometry import cross_matrix, normalize
 from simval.poses import (
@@ -64,7 +64,7 @@ def turn_sensitivity(
     """Matrix S of eq. (N7)."""
     a = normalize(finite_array("axis", axis, (3,)))
     alpha = finite_array("angle", angle, ())[..., None, None]
-    along = a[..., :, None] * a[..., None, :]
+    along = outer(a, a)
     side = np.sin(alpha) * (np.eye(3) - along)
     return alpha * along + side + 2.0 * np.sin(alpha / 2.0) ** 2 * cross_matrix(a)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array, Mask
 from simval.errors import PluginError
-from simval.geometry import attitude_matrix
+from simval.geometry import attitude_matrix, axial
 from simval.moments import Moments
 from simval.plugins import Estimator, answers
 from simval.plugins.attitudes import tail
@@ -119,7 +119,7 @@ def _rotation(
     A = attitude_matrix(q)
     on_body = plugin.side == "body"
     R = A @ body_from_reference.T if on_body else body_from_reference.T @ A
-    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) * 0.5
+    w = axial(R) * 0.5
     return w * (1.0 + np.sum(w * w) * (1.0 / 6.0))
 
 

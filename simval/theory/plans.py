@@ -42,7 +42,13 @@ from simval.account import (
     Values,
 )
 from simval.arguments import choice, instance
-from simval.arrays import Array, ReadOnly, finite_array, positive_number
+from simval.arrays import (
+    Array,
+    ReadOnly,
+    finite_array,
+    json_values,
+    positive_number,
+)
 from simval.errors import InputError
 from simval.geometry import compose, normalize, unit_quaternions
 from simval.imu.sensor import (
@@ -583,15 +589,7 @@ def as_object(
     result: Plan | GyroscopePlan, keys: Sequence[str] = PLAN_KEYS
 ) -> dict[str, Any]:
     """The plan as plain JSON values; infinity becomes null."""
-
-    def plain(value: Any) -> Any:
-        array = np.asarray(value)
-        objects = array.astype(object)
-        if array.dtype.kind == "f":
-            objects[~np.isfinite(array)] = None
-        return objects.tolist()
-
-    return {key: plain(getattr(result, key)) for key in keys}
+    return {key: json_values(getattr(result, key)) for key in keys}
 
 
 def plan_account(

@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from simval.arrays import LEAST, Array, finite_array, shaped_array
+from simval.arrays import LEAST, Array, finite_array, outer, shaped_array
 from simval.errors import InputError
 from simval.geometry import attitude_matrix, cross, normalize
 from simval.imu.attitude.estimator import (
@@ -287,7 +287,7 @@ def _optimum(
 
 def _first_order(body: Array, a: Array, variance: Array) -> Float[Array, "... 3 3"]:
     # covariance (W2) for weights a
-    planes = np.eye(3) - body[..., :, None] * body[..., None, :]
+    planes = np.eye(3) - outer(body, body)
     M = np.sum(a[..., None, None] * planes, axis=-3)
     spread = np.sum((a**2 * variance)[..., None, None] * planes, axis=-3)
     inverse = np.linalg.inv(M)

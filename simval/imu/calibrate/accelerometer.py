@@ -17,6 +17,7 @@ from simval.arrays import (
     Array,
     noise_levels,
     nonnegative_number,
+    outer,
     physical_array,
     positive_number,
     shaped_array,
@@ -135,7 +136,7 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
     if readings.ndim > 3 or readings.size == 0:
         msg = f"`{name}` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
         raise InputError(msg)
-    greatest = max(-float(readings.min()), float(readings.max()))
+    greatest = max(-readings.min(), readings.max())
     if readings.ndim == 2 and not isfinite(greatest):
         pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
         msg = (
@@ -147,7 +148,7 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
         raise InputError(msg)
     if not isfinite(greatest):  # of a batch, whose other trials are fitted
         finite = readings[np.isfinite(readings)]
-        greatest = float(np.abs(finite).max(initial=0.0))
+        greatest = np.abs(finite).max(initial=0.0)
     if not (greatest == 0.0 or 1.0 / _GREATEST <= greatest <= _GREATEST):
         msg = (
             f"the greatest reading of `{name}` is {greatest:g}, outside "
@@ -331,7 +332,7 @@ def calibrate(
     single = readings.ndim == 2
     if single and code[0] >= Code.NON_FINITE:
         refuse(
-            int(code[0]), batch[0],
+            code[0], batch[0],
             full_scale=options.full_scale, limit=options.condition_limit,
             condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
             suspects=_suspects(batch[0], None if sigma is None else sigma[0], options),
@@ -469,7 +470,7 @@ def _solve(data: _Data, options: Options) -> tuple[Any, _Numbers]:
     parameters[:, 6:] += data.centre
     matrix = summary.covariance
     if options.covariance:
-        matrix = matrix * (sizes[:, :, None] * sizes[:, None])
+        matrix = matrix * outer(sizes, sizes)
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
     results = {
         "parameters": parameters,
@@ -495,7 +496,7 @@ def _iterate(
     m, noise, theta, shares = data.m, data.noise, data.theta, data.shares
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
-    slack = _SLACK * float(np.finfo(float).eps) * m.shape[2]
+    slack = _SLACK * np.finfo(float).eps * m.shape[2]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(
             model, residual, options.loss, m, theta, noise, options, slack, shares

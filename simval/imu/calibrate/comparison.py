@@ -39,10 +39,9 @@ import scipy
 
 from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Told, Values
 from simval.arguments import file_path, instance
-from simval.arrays import Array, positive_number
+from simval.arrays import Array, json_values, positive_number
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate.equations import FIELD_NAMES
-from simval.imu.calibrate.estimate import plain
 from simval.imu.calibrate.files import (
     array,
     load_calibration,
@@ -139,7 +138,7 @@ class SensorComparison:
         g = np.stack([x.gravity / sd for x in (self.a, self.b)])
         S = alpha[..., None, None] * A + beta[:, None, None] * B + g.T @ g
         z = self.difference / sd
-        return np.asarray(np.linalg.solve(S, z[:, None])[..., 0] @ z)
+        return np.linalg.solve(S, z[:, None])[..., 0] @ z
 
     @property
     def freedom(self) -> str:
@@ -290,18 +289,16 @@ class CalibrationComparison(Told):
 
 def _values(each: SensorComparison) -> Values:
     # of each parameter both values, the difference, and E_n
-    rows = zip(
-        each.names, each.a.parameters.tolist(), each.a.sd.tolist(),
-        each.b.parameters.tolist(), each.b.sd.tolist(), each.difference.tolist(),
-        each.E_n.tolist(), strict=True,
-    )  # fmt: skip
+    a, b = each.a, each.b
+    columns = a.parameters, a.sd, b.parameters, b.sd, each.difference, each.E_n
     lines = []
-    for parameter, a, a_sd, b, b_sd, moved, E_n in rows:
+    for parameter, row in zip(each.names, np.transpose(columns).tolist(), strict=True):
+        of_a, a_sd, of_b, b_sd, moved, E_n = row
         known = np.isfinite(E_n)
         name, sign = forms.ENTRIES.get(parameter, (parameter, 1.0))
         cells = [
-            Quantity(f"{name} of A", sign * a, a_sd),
-            Quantity(f"{name} of B", sign * b, b_sd),
+            Quantity(f"{name} of A", sign * of_a, a_sd),
+            Quantity(f"{name} of B", sign * of_b, b_sd),
             Quantity(f"{name}, B - A", sign * moved + 0.0, float(np.hypot(a_sd, b_sd))),
             # of one data set it is 0 but for rounding
             Quantity(f"{name}, E_n", round(float(f"{E_n:.3g}"), 9) if known else None),
@@ -310,8 +307,8 @@ def _values(each: SensorComparison) -> Values:
     _, unit = SENSORS[each.sensor]
     return Values(
         title=each.sensor,
-        how=f"a corrected reading of {each.a.size:.5g}{unit} changes by up to "
-        f"{number(each.change, 3, each.a.size)}; E_n is the difference over its "
+        how=f"a corrected reading of {a.size:.5g}{unit} changes by up to "
+        f"{number(each.change, 3, a.size)}; E_n is the difference over its "
         f"uncertainty at {100 * COVERAGE:g} %",
         lines=lines,
         heads=("A", "B", "B - A", "E_n"),
@@ -324,7 +321,7 @@ def _object(each: SensorComparison) -> dict[str, Any]:
         "E_n": each.E_n, "chi_square": each.chi_square, "p_value": each.p_value,
         "reading": each.a.size, "largest_change": each.change,
     }  # fmt: skip
-    return {"names": list(each.names)} | {k: plain(x) for k, x in numbers.items()}
+    return {"names": list(each.names)} | {k: json_values(x) for k, x in numbers.items()}
 
 
 def compare_calibrations(
@@ -420,7 +417,7 @@ def _at_one_temperature(
         )
         raise RefusedError(msg)
     middle = np.mean([each.reference for each in terms if each is not None])
-    degrees = float(np.clip(middle, low, high))
+    degrees = np.clip(middle, low, high)
     a, b = (
         state if each is None else _moved(state, each, degrees)
         for state, each in zip(own, terms, strict=True)

@@ -59,7 +59,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.errors import GeometryError, RefusedError
 from simval.imu.calibrate.minimization import normalized
 from simval.imu.calibrate.residuals import (
@@ -136,7 +136,9 @@ def summarize(
         middle = 4.0 * q * variance
         normal = moments if a is None else moment_matrix(m, a)
         weights = middle if a is None else a * a * middle
-        matrix = _sandwich(dv, normal, moment_matrix(m, weights))
+        root, _ = inverse_root(dv.mT @ (normal @ dv))
+        inverse = root.mT @ root  # of N
+        matrix = inverse @ (dv.mT @ (moment_matrix(m, weights) @ dv)) @ inverse
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
     squares = np.vecdot(norm, norm)
     return Summary(
@@ -158,7 +160,7 @@ def _least_scatter(
     # eq. (U2)
     w = 0.25 / q
     pull = np.vecmat(np.matvec(m, w * c), dv)
-    root, _ = inverse_root(_contract(dv, moment_matrix(m, w)))
+    root, _ = inverse_root(dv.mT @ (moment_matrix(m, w) @ dv))
     drawn = np.matvec(root, pull)
     least = np.vecdot(w * c, c) - np.vecdot(drawn, drawn)
     return np.maximum(least, 0.0) / (m.shape[2] - 9)  # rounding may leave -1e-32
@@ -175,26 +177,7 @@ def _huber_variance(
     total = np.vecdot(pull, pull) / max(count - 9, 1)
     with np.errstate(divide="ignore", invalid="ignore"):  # no pose is near: NaN
         inflation = 1.0 + 9.0 / count * slope.var(axis=-1) / mean**2
-        return np.asarray(inflation**2 * total / mean**2)
-
-
-def _sandwich(
-    dv: Float[Array, "t 10 9"],
-    outer: Float[Array, "t 10 10"],
-    middle: Float[Array, "t 10 10"],
-) -> Float[Array, "t 9 9"]:
-    # eq. (U1) from the moments of its two sums
-    normal = _contract(dv, outer)
-    root, _ = inverse_root(normal)
-    inverse = root.mT @ root
-    return inverse @ _contract(dv, middle) @ inverse
-
-
-def _contract(
-    dv: Float[Array, "t 10 9"], moments: Float[Array, "t 10 10"]
-) -> Float[Array, "t 9 9"]:
-    # Sum of w_k d_k d_k' from the moment matrix with those weights.
-    return dv.mT @ (moments @ dv)
+        return inflation**2 * total / mean**2
 
 
 FALSE_ACCEPTANCE = 1e-3  # of poses with two quadrics through them, by (N2)
@@ -219,9 +202,9 @@ def pencil(
 ) -> tuple[Float[Array, "t 9 9"], Float[Array, "t 9 9"]]:
     """The two matrices of the eigenvalue problem (N1)."""
     mean = moments[:, :9, 9]
-    outer = (mean / moments[:, 9:, 9])[:, :, None] * mean[:, None]
+    middle = outer(mean / moments[:, 9:, 9], mean)
     products = np.matvec(_GRADIENTS, moments[:, 6:, 6:].reshape(-1, 16))
-    return moments[:, :9, :9] - outer, products.reshape(-1, 9, 9)
+    return moments[:, :9, :9] - middle, products.reshape(-1, 9, 9)
 
 
 def required_noise(
@@ -325,8 +308,8 @@ def repeated_poses(poses: Float[Array, "n k"]) -> Any:
 
 def repeated_words(poses: Float[Array, "n k"], of: str = "") -> str:
     """Say which readings equal an earlier one, and what to do."""
-    index = int(repeated_poses(poses)[0])
-    same = int(np.flatnonzero((poses == poses[index]).all(axis=1))[0])
+    index = repeated_poses(poses)[0]
+    same = np.flatnonzero((poses == poses[index]).all(axis=1))[0]
     return (
         f"poses {same} and {index} are identical in every bit{of}; means of two holds "
         "never are, so the same data was counted twice: remove one"
@@ -357,7 +340,18 @@ def refuse(
         )
         raise RefusedError(msg)
     if suspects:
-        raise RefusedError(_outlier_message(len(poses), suspects))
+        off = " and ".join(
+            f"pose {pose} ({size:.3g} standard deviations off)"
+            for pose, size in suspects
+        )
+        many = len(suspects) > 1
+        what, them = ("do not lie", "them") if many else ("does not lie", "it")
+        msg = (
+            f"{off} {what} on the ellipsoid of the other {len(poses) - len(suspects)} "
+            f"poses, and without {them} they calibrate: look at the hold for a push, a "
+            f"collision or another unit, leave {them} out and calibrate again"
+        )
+        raise RefusedError(msg)
     if code == Code.WIDE:
         msg = (
             f"the scale is uncertain by {100.0 * half_width:.0f} percent along some "
@@ -366,19 +360,6 @@ def refuse(
         )
         raise RefusedError(msg)
     raise GeometryError(_geometry_message(code, poses, condition, limit))
-
-
-def _outlier_message(count: int, suspects: Sequence[tuple[int, float]]) -> str:
-    named = " and ".join(
-        f"pose {pose} ({off:.3g} standard deviations off)" for pose, off in suspects
-    )
-    what = "do not lie" if len(suspects) > 1 else "does not lie"
-    them = "them" if len(suspects) > 1 else "it"
-    return (
-        f"{named} {what} on the ellipsoid of the other {count - len(suspects)} poses, "
-        f"and without {them} they calibrate: look at the hold for a push, a collision "
-        f"or another unit, leave {them} out and calibrate again"
-    )
 
 
 def _directions(poses: Float[Array, "n 3"]) -> Float[Array, "m 3"]:
@@ -446,7 +427,7 @@ def _geometry_message(
             f"together; check for outliers and units, and {advice}"
         )
     columns = monomials(_rounded(poses))[:, :9]
-    rank = int(np.linalg.matrix_rank(columns, rtol=_RANK_TOLERANCE))
+    rank = np.linalg.matrix_rank(columns, rtol=_RANK_TOLERANCE)
     return (
         f"the {len(poses)} poses ({what}) have rank {min(rank, 8)} of "
         f"{PARAMETERS}, so they do not determine all parameters; {advice}"
@@ -462,4 +443,4 @@ def _rounded(poses: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     values, vectors = np.linalg.eigh(offset.T @ offset / len(offset))
     flat = ~(values > _RANK_TOLERANCE**2 * values[-1])
     root = 1.0 / np.sqrt(np.where(flat, 1.0, values))
-    return np.asarray(offset @ (vectors * np.where(flat, 0.0, root)) @ vectors.T)
+    return offset @ (vectors * np.where(flat, 0.0, root)) @ vectors.T

@@ -158,10 +158,15 @@ def diagnose(
         off = list(judgement.off)
     drift = _drift(fit, readings, distance, rows, sigma, clock)
     kept = np.delete(readings, off, axis=0)
-    cause, do = _off_words(off)
+    cause = do = ""
     if judgement is not None:
         times = None if time is None else np.sort(clock)
         cause, do = judgement.cause(times), judgement.advice
+    elif off:
+        many, named = len(off) > 1, series(map(str, off))
+        cause = f"gravity in pose{'s' * many} {named} is not that of the others"
+        them = "them" if many else "it"
+        do = f"look at the hold, leave {them} out and calibrate again"
     geometry = geometry_loss(normalize(fit.sensor().correct(kept)))
     scales = [0, 3, 5] if fit.model == "symmetric" else [3, 4, 5]
     low, high = fit.intervals[scales].T
@@ -206,7 +211,7 @@ def reduced_chi2(
 ) -> float:
     """Chi-square per degree of freedom; NaN without known noise or freedom."""
     if sigma is None or fit.dof == 0:
-        return float("nan")
+        return np.nan
     distance = distances(fit, readings)[0]
     return float(np.sum((distance / sigma) ** 2)) / fit.dof
 
@@ -238,14 +243,3 @@ def _drift(
         distance, rows, of_a_triad(normal, x), time, known=sigma is not None,
         white=np.diag(1.0 / unit),
     )  # fmt: skip
-
-
-def _off_words(off: list[int]) -> tuple[str, str]:
-    # which poses do not belong, and what to do
-    if not off:
-        return "", ""
-    many, named = len(off) > 1, series(map(str, off))
-    return (
-        f"gravity in pose{'s' * many} {named} is not that of the others",
-        f"look at the hold, leave {'them' if many else 'it'} out and calibrate again",
-    )

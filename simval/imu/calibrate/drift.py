@@ -110,7 +110,7 @@ def find_drift(
     for what, column in properties.items():
         each = column.reshape(n, -1, 1) * basis[:, None]
         width = each.shape[1]
-        D = whitened(np.swapaxes(each, 1, 2).reshape(n, -1))  # the degrees in turn
+        D = whitened(each.mT.reshape(n, -1))  # the degrees in turn
         size = np.linalg.norm(D, axis=0)
         own = D - q @ (q.T @ D)
         if width == 1:

@@ -30,10 +30,11 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.imu.calibrate.goodness_of_fit import Beside
 from simval.imu.calibrate.solver import Trials
 from simval.imu.sensor import forms
+from simval.moments import deviations
 from simval.shapes import Float
 from simval.vocabulary import Model
 
@@ -354,7 +355,7 @@ class Problem:
             if self.weighted:
                 white = _inverse_root(V)
             else:
-                scale = np.sqrt(np.einsum("tii->ti", V).mean(axis=1))
+                scale = np.sqrt(np.linalg.diagonal(V).mean(axis=1))
                 white = np.eye(V.shape[1]) / scale[:, None, None]
         slopes = (white @ J).reshape(t, -1, p)
         if self.prior is not None:
@@ -420,14 +421,12 @@ class Problem:
     ) -> tuple[Array, Array, Array]:
         # rows of the turns, then those of all rests
         t, n, e, m = L.shape
-        first, each = between.r.shape[1], np.arange(n)
+        first = between.r.shape[1]
         slopes = np.zeros((t, first + n * e, J.shape[-1]))
         slopes[:, :first, -between.own.shape[-1] :] = between.own  # they come last
         slopes[:, first:] = J.reshape(t, n * e, J.shape[-1])
         noise = np.zeros((t, first + n * e, n, m))
-        spread = np.zeros((t, n, e, n, m))
-        spread[:, each, :, each] = np.moveaxis(L, 1, 0)
-        noise[:, first:] = spread.reshape(t, n * e, n, m)
+        noise[:, first:] = spread(L)
         for sensor in self.sensors:
             if sensor.name not in between.by:
                 continue
@@ -445,6 +444,14 @@ class Problem:
 def _slices(sizes: dict[str, int]) -> dict[str, slice]:
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return dict(zip(sizes, map(slice, ends[:-1], ends[1:]), strict=True))
+
+
+def spread(blocks: Float[Array, "t n e m"]) -> Float[Array, "t r n m"]:
+    """Rows by the noises of all, from those of each rest or rotation by its own."""
+    t, n, e, m = blocks.shape
+    result, each = np.zeros((t, n, e, n, m)), np.arange(n)
+    result[:, each, :, each] = np.moveaxis(blocks, 1, 0)
+    return result.reshape(t, n * e, n, m)
 
 
 class Whitened(NamedTuple):
@@ -478,7 +485,7 @@ class Whitened(NamedTuple):
     @property
     def sd(self) -> Float[Array, "t p"]:
         """Standard deviation of each parameter; without noise, its Cramér-Rao bound."""
-        return np.sqrt(np.diagonal(self.covariance()[0], axis1=1, axis2=2))
+        return deviations(self.covariance()[0])
 
     @property
     def chi_square(self) -> Float[Array, " t"]:
@@ -489,9 +496,9 @@ class Whitened(NamedTuple):
         """Inverse of the information, and its least pivot: 0 without full rank."""
         normal, size = self._scaled()
         root = _inverse_root(normal)
-        covariance = root.mT @ root / (size[:, :, None] * size[:, None])
+        covariance = root.mT @ root / outer(size, size)
         with np.errstate(divide="ignore"):
-            pivot = 1.0 / np.einsum("tii->ti", root).max(axis=1) ** 2
+            pivot = 1.0 / np.linalg.diagonal(root).max(axis=1) ** 2
         return covariance, np.where(np.isfinite(pivot), pivot, 0.0)
 
     def sandwich(self) -> tuple[Float[Array, "t p p"], Array, Float[Array, " t"]]:
@@ -524,8 +531,8 @@ class Whitened(NamedTuple):
     def _scaled(self) -> tuple[Float[Array, "t p p"], Float[Array, "t p"]]:
         # the information with columns of equal length, and these
         normal = self.normal
-        size = np.sqrt(np.einsum("tii->ti", normal))
-        return normal / (size[:, :, None] * size[:, None]), size
+        size = np.sqrt(np.linalg.diagonal(normal))
+        return normal / outer(size, size), size
 
 
 def _own_added(L: Float[Array, "t r n m"], own: Array) -> Float[Array, "t r r"]:
@@ -554,12 +561,12 @@ def _whitener(L: Float[Array, "t n e m"]) -> Float[Array, "t n e e"]:
     return np.ascontiguousarray(np.moveaxis(white, (0, 1), (2, 3)))
 
 
-def _each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
-    # a function of stacks of matrices, and `otherwise` for those that it refuses
+def _each(of: Callable[..., Array], *stacks: Array) -> Array:
+    # a function of stacks of matrices, and NaN for those that it refuses
     try:
         return of(*stacks)
     except np.linalg.LinAlgError:
-        results = np.full(stacks[-1].shape, otherwise)
+        results = np.full(stacks[-1].shape, np.nan)
     for k in range(len(results)):
         with suppress(np.linalg.LinAlgError):
             results[k] = of(*(stack[k : k + 1] for stack in stacks))[0]
@@ -568,14 +575,14 @@ def _each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
 
 def _inverse_root(matrices: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
     # R of the inverses R'R, lower triangular; NaN where a matrix is not positive
-    return _each(lambda N: _inverse_triangle(np.linalg.cholesky(N)), np.nan, matrices)
+    return _each(lambda N: _inverse_triangle(np.linalg.cholesky(N)), matrices)
 
 
 def _inverse_triangle(lower: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
     # by halves: products of matrices are most of the work, and four times as fast
     half = lower.shape[-1] // 2
     if half < 8:
-        return np.asarray(np.linalg.inv(lower))
+        return np.linalg.inv(lower)
     result = np.zeros(lower.shape)
     first, last = slice(None, half), slice(half, None)
     for own in (first, last):
@@ -589,4 +596,4 @@ def solved(
     matrices: Float[Array, "t p p"], right: Float[Array, "t p"]
 ) -> Float[Array, "t p"]:
     """Solutions of linear systems, NaN where a matrix is singular."""
-    return _each(np.linalg.solve, np.nan, matrices, right[..., None])[..., 0]
+    return _each(np.linalg.solve, matrices, right[..., None])[..., 0]

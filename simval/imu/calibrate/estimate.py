@@ -1,14 +1,14 @@
 """What every calibration result has in common, and its account."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy
 
 from simval.account import Account, Told
-from simval.arrays import Array, frozen, real_number
+from simval.arrays import Array, ReadOnly, real_number
 from simval.errors import ConvergenceError, InputError
 from simval.notebooks import ShownFit
 from simval.shapes import Float
@@ -16,16 +16,8 @@ from simval.spelling import counted
 from simval.text import shown
 
 
-def plain(value: Any) -> Any:
-    """Nested lists of floats, with None for what is not finite."""
-    numbers = np.asarray(value, dtype=float)
-    plain = numbers.astype(object)
-    plain[~np.isfinite(numbers)] = None
-    return plain.tolist()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimate(Told, ShownFit):
+class Estimate(Told, ShownFit, ReadOnly):
     """A calibration, or a batch of them: leading axes ``...`` are empty or (trials,).
 
     A trial that was refused is NaN in every number.
@@ -55,18 +47,12 @@ class Estimate(Told, ShownFit):
     status: Any
     iterations: Any
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray | np.floating) and value.dtype.kind == "f":
-                object.__setattr__(self, field.name, frozen(value))
-
     @property
     def account(self) -> Account:
         """Everything that there is to say of the calibration."""
         if np.ndim(self.status) == 0:
             return type(self).states(self)
-        endings, counts = np.unique(np.asarray(self.status), return_counts=True)
+        endings, counts = np.unique(self.status, return_counts=True)
         said = ", ".join(f"{n} {end}" for end, n in zip(endings, counts, strict=True))
         return Account(
             title=counted(int(counts.sum()), "calibration"), source=f"of {self.what}",
@@ -76,7 +62,7 @@ class Estimate(Told, ShownFit):
     @property
     def sd(self) -> Float[Array, "... p"]:
         """Standard deviation of each parameter, (..., p); NaN where it is not known."""
-        variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        variance = np.linalg.diagonal(self.covariance)
         return np.sqrt(variance[..., -self.parameters.shape[-1] :])
 
     @property

@@ -185,7 +185,7 @@ class NoiseFactors(ReadOnly):
 
 
 NOT_JUDGED: Final = NoiseFactors(
-    sensors=(), errors=(), p_value=float("nan"), odds=-np.inf, least_determined=None
+    sensors=(), errors=(), p_value=np.nan, odds=-np.inf, least_determined=None
 )
 
 
@@ -309,7 +309,7 @@ class _Likely(NamedTuple):
 def _value(left: Left, variances: Array) -> float:
     root = np.linalg.cholesky(left.covariance(variances))
     z = np.linalg.solve(root, left.y)
-    return float(-np.log(root.diagonal()).sum() - 0.5 * z @ z)
+    return -np.log(root.diagonal()).sum() - 0.5 * z @ z
 
 
 def _likely(left: Left, own: list[int], start: Array) -> _Likely:
@@ -324,7 +324,7 @@ def _likely(left: Left, own: list[int], start: Array) -> _Likely:
         at[own] = nu = np.exp(2.0 * phi)
         weight = np.linalg.inv(left.covariance(at))
         q, A = weight @ left.y, np.array([weight @ each for each in U])
-        slope = nu * ([q @ each @ q for each in U] - np.trace(A, axis1=1, axis2=2))
+        slope = nu * ([q @ each @ q for each in U] - np.linalg.trace(A))
         H = 2.0 * np.outer(nu, nu) * np.einsum("sij,tji->st", A, A)
         step = np.linalg.solve(H + 1e-9 * np.eye(len(own)), slope)
         last, phi = phi, np.clip(phi + np.clip(step, -1.0, 1.0), *ends)
@@ -359,4 +359,4 @@ def widened(
 
     still = at(0.0, shifts[0])
     moved = np.array([at(_SHARE, each) - still for each in shifts]) / _SHARE
-    return np.asarray(covariance + moved.T @ moved)
+    return covariance + moved.T @ moved

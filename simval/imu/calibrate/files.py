@@ -31,10 +31,15 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import choice, file_path, instance, whole_number
-from simval.arrays import Array, nonnegative_number, positive_number, shaped_array
+from simval.arrays import (
+    Array,
+    json_values,
+    nonnegative_number,
+    positive_number,
+    shaped_array,
+)
 from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, parsed, read_text
-from simval.imu.calibrate.estimate import plain
 from simval.imu.calibrate.result import STANDARD_GRAVITY, FitResult, raw_unit
 from simval.imu.calibrate.thermal import EDGE, TERMS, Term
 from simval.imu.sensor import GyroscopeModel, MagnetometerModel, forms
@@ -51,9 +56,12 @@ def derived(fit: FitResult) -> dict[str, Any]:
     """Entries of a file that follow from its other entries."""
     return {
         "names": list(fit.names),
-        **{name: plain(getattr(fit, name)) for name in ("T", "K", "B", "matrix", "sd")},
-        "confidence_95": plain(fit.intervals),
-        "raw_per_g": plain(fit.raw_per_g),
+        **{
+            name: json_values(getattr(fit, name))
+            for name in ("T", "K", "B", "matrix", "sd")
+        },
+        "confidence_95": json_values(fit.intervals),
+        "raw_per_g": json_values(fit.raw_per_g),
         "raw_unit": fit.raw_unit,
     }
 
@@ -155,10 +163,10 @@ def to_json(fit: FitResult) -> dict[str, Any]:
         "dof": fit.dof,
         "status": str(fit.status),
         "iterations": int(fit.iterations),
-        **{name: plain(getattr(fit, name)) for name in _NUMBERS},
-        "parameters": plain(fit.parameters),
-        "covariance": plain(fit.covariance),
-        "raw_range": plain(fit.raw_range),
+        **{name: json_values(getattr(fit, name)) for name in _NUMBERS},
+        "parameters": json_values(fit.parameters),
+        "covariance": json_values(fit.covariance),
+        "raw_range": json_values(fit.raw_range),
         **derived(fit),
     }
 
@@ -168,9 +176,9 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
     if not isinstance(data, dict) or data.get("format", FORMAT) != FORMAT:
         msg = (
             f"{source} is not a calibration file (it has no format {FORMAT!r}); "
-            "write one "
+            "write one with `simval calibrate LOG --out FILE`"
         )
-        raise InputError(msg + "with `simval calibrate LOG --out FILE`")
+        raise InputError(msg)
     with named(source):
         model, parameters = _parameters(data)
         words: dict[str, Any] = {n: _word(data, n, "not stated") for n in _WORDS}
@@ -445,14 +453,14 @@ def require_same_sensor(fit: FitResult, raw: Float[Array, "n 3"], rate: float) -
     force = fit.sensor().correct(raw) / fit.g
     rests = rest_forces(force, rate)
     if rests.size:
-        typical, (low, high) = float(np.median(rests)), _REST
+        typical, (low, high) = np.median(rests), _REST
         what = f"{rests.size} stretches at rest"
     else:
-        typical, (low, high) = float(np.linalg.norm(force, axis=1).mean()), _MOVING
+        typical, (low, high) = np.linalg.norm(force, axis=1).mean(), _MOVING
         what = "mean reading, in motion,"
     if low <= typical <= high:
         return
-    length = float(np.median(np.linalg.norm(raw, axis=1)))
+    length = np.median(np.linalg.norm(raw, axis=1))
     msg = (
         f"the log's {what} would become {typical * fit.g:.4g} m/s^2, where "
         f"{low * fit.g:.3g} to {high * fit.g:.3g} is possible: {_made_from(fit)}, and "
@@ -468,7 +476,7 @@ def rest_forces(force: Float[Array, "n 3"], rate: float) -> Float[Array, " m"]:
     windows = half_seconds(force, rate)
     means = np.linalg.norm(windows.mean(axis=1), axis=1)
     scatter = np.linalg.norm(windows.std(axis=1), axis=1)
-    return np.asarray(means[scatter < QUIET * means])
+    return means[scatter < QUIET * means]
 
 
 def half_seconds(rows: Float[Array, "n 3"], rate: float) -> Float[Array, "m k 3"]:
@@ -479,7 +487,7 @@ def half_seconds(rows: Float[Array, "n 3"], rate: float) -> Float[Array, "m k 3"
 
 def _made_from(fit: FitResult) -> str:
     # what the calibration was made from, or what it reads at rest
-    per_g = float(np.mean(np.abs(fit.raw_per_g)))
+    per_g = np.mean(np.abs(fit.raw_per_g))
     unit = f"{fit.raw_unit}, {per_g:.6g} of them for {fit.g:.6g} m/s^2"
     if np.isfinite(fit.raw_range).all():
         ends = f"{fit.raw_range.min():.6g} to {fit.raw_range.max():.6g}"

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.equations import Problem, Variances, Whitened
+from simval.imu.calibrate.equations import Problem, Variances, Whitened, spread
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.goodness_of_fit import Beside, NoiseSource, Residuals
 from simval.shapes import Float
@@ -37,12 +37,9 @@ def residuals(problem: Problem, here: Whitened, theta: Array) -> Residuals:
     rows = len(here.rows[0])
     L = here.white[0] @ here.L[0].reshape(*here.white.shape[1:-1], -1)
     if problem.turns is None:
-        n, e, m = L.shape
-        noise, each = np.zeros((n, e, n, m)), np.arange(n)
-        noise[each, :, each] = L
+        noise = spread(L[None])[0]
     else:
-        noise = L
-    noise = noise.reshape(rows, len(problem.sensors[0].readings[0]), -1)
+        noise = L.reshape(rows, len(problem.sensors[0].readings[0]), -1)
     sources, beside = [], []
     for name, own in problem.noises.items():
         flat = noise[..., own].reshape(rows, -1)
@@ -170,7 +167,7 @@ def _settled(
 
 def _rounding(change: Float[Array, "t r"], white: Array) -> Any:
     # whether whitened rows change by no more than rounding of the rows themselves
-    least = _ROUNDING * np.einsum("...ii->...i", white).reshape(len(change), -1)
+    least = _ROUNDING * np.linalg.diagonal(white).reshape(len(change), -1)
     return np.all(np.abs(change[:, : least.shape[1]]) <= least, axis=1)
 
 

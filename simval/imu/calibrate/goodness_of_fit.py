@@ -130,7 +130,7 @@ class Combination(NamedTuple):
 def least_determined_of(J: Float[Array, "r p"], names: tuple[str, ...]) -> Combination:
     """The combination that whitened rows determine worst, and the rows' rank."""
     size = np.linalg.norm(J, axis=0)
-    _, s, v = np.linalg.svd(J / np.where(size > 0.0, size, 1.0), full_matrices=True)
+    _, s, v = np.linalg.svd(J / np.where(size > 0.0, size, 1.0))
     s = np.pad(s, (0, len(v) - len(s)))
     part = v[-1] * np.sign(v[-1][np.argmax(np.abs(v[-1]))])
     order = np.argsort(-np.abs(part))[:_MOST_NAMED]
@@ -142,7 +142,7 @@ def least_determined_of(J: Float[Array, "r p"], names: tuple[str, ...]) -> Combi
     return Combination(
         rank=int(np.count_nonzero(s > _RANK * s[0])),
         parameters=len(names),
-        widening=float(1.0 / s[-1]) if s[-1] > 0.0 else float("inf"),
+        widening=float(1.0 / s[-1]) if s[-1] > 0.0 else np.inf,
         words=" ".join(said).removeprefix("+"),
     )
 
@@ -252,7 +252,7 @@ class Deletion:
         """Leverage of each item, 0 to 1."""
         assert self.items is not None
         _, room = self.room([])
-        left = np.trace(room, axis1=1, axis2=2)
+        left = np.linalg.trace(room)
         return 1.0 - left / np.sum(self.items**2, axis=(1, 2))
 
     def outliers(self, known: float | None) -> list[int]:
@@ -330,7 +330,7 @@ def _exhaustive(deletion: Deletion, k: int) -> list[int]:
 def chi_square_chance(chi_square: float, dof: float) -> float:
     """Chance of a chi-square at least so large; NaN without degrees of freedom."""
     if not dof > 0:
-        return float("nan")
+        return np.nan
     return float(scipy.special.gammaincc(dof / 2.0, chi_square / 2.0))
 
 
@@ -349,7 +349,7 @@ class Drop(NamedTuple):
     def chance(self, before: float, k: int) -> float:
         """Chance that k more unknowns lower the sum of squares as far from `before`."""
         ratio = min(self.rest / before, 1.0)
-        by_scatter = float(scipy.special.betainc(self.dof / 2.0, k / 2.0, ratio))
+        by_scatter = scipy.special.betainc(self.dof / 2.0, k / 2.0, ratio)
         if self.known is None:
             return by_scatter
         left = self.rest / self.known**2
@@ -383,7 +383,7 @@ class SensorResiduals(ReadOnly):
     @property
     def remark(self) -> Remark:
         """A remark on the sensor's residuals."""
-        off = float(self.deviations[self.worst])
+        off = self.deviations[self.worst]
         words = (
             f"{self.name}: chi-square {self.chi_square:.3g} with "
             f"{self.dof:.3g} degrees of freedom ({p_words(self.p_value)}); "
@@ -440,13 +440,13 @@ class Left:
     def covariance(self, variances: Float[Array, " e"]) -> Float[Array, "d d"]:
         """Covariance of the residuals, with errors of such variances added."""
         more = (v * U for v, U in zip(variances, self.U, strict=True))
-        return np.asarray(sum(self.V) + sum(more))
+        return sum(self.V) + sum(more)
 
     def moments(
         self, variances: Float[Array, " e"], parts: Sequence[Array]
     ) -> Float[Array, "s 3"]:
         """Each part's share of chi-square, with the mean and variance of that share."""
-        weight = np.asarray(np.linalg.inv(self.covariance(variances)))
+        weight = np.linalg.inv(self.covariance(variances))
         q, values = weight @ self.y, []
         for V in parts:
             A = weight @ V

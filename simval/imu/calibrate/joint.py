@@ -31,7 +31,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, physical_array
+from simval.arrays import Array, outer, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.calibrate.equations import Problem
@@ -108,8 +108,8 @@ class Calibration(Estimate):
     # who fits a sensor knows that it is there: a type that may be None asks for that
     # at each use
     accelerometer: Any
-    gyroscope: Any
-    magnetometer: Any
+    gyroscope: Any = None
+    magnetometer: Any = None
     recording: Recording
 
     @property
@@ -147,7 +147,7 @@ class Calibration(Estimate):
             "names": list(self.names),
             "covariance": self.covariance.tolist(),
             "dof": self.dof,
-            "chi2_per_dof": float(self.chi2_per_dof),
+            "chi2_per_dof": self.chi2_per_dof,
             "status": str(self.status),
             "iterations": int(self.iterations),
         }
@@ -294,16 +294,12 @@ def _of_two(
 ) -> Calibration:
     # a sensor and its accelerometer, by the numbers of its own result
     shared = {name: getattr(found, name) for name in _SHARED}
-    none = {"gyroscope": None, "magnetometer": None}
-    return Calibration(
-        parameters=parameters, recording=recording, **none | shared | sensors
-    )
+    return Calibration(parameters=parameters, recording=recording, **shared, **sensors)
 
 
 def accelerometer_of(recording: Recording) -> FitResult:
     """Calibrate the accelerometer alone, with the noise if every rest has one."""
     std = np.sqrt((recording.pose_std**2).mean(axis=-1))
-    std = np.broadcast_to(std, recording.poses.shape[:-1])
     return calibrate(
         recording.poses, recording.g, recording.model, residual="weighted",
         noise_std=std if np.all(std > 0.0) else None, g_std=recording.g_std,
@@ -326,7 +322,7 @@ def _with_errors_of_terms(
         return found
     ratio = recording.g_std / recording.g
     off = gravity_error(recording.model, found.parameters[..., :9], ratio)
-    P[..., :9, :9] += off[..., :, None] * off[..., None, :]
+    P[..., :9, :9] += outer(off, off)
     return found.with_covariance(P)
 
 
@@ -445,7 +441,7 @@ def _numbers(
     slope = np.ones((t, COUNT))
     slope[:, :PARAMETERS] = scaled.sizes
     slope[:, DIP] = 1.0 / np.cos(values[:, DIP])
-    whole *= slope[:, :, None] * slope[:, None, :]
+    whole *= outer(slope, slope)
     parameters = np.concatenate([values, turns.parameters(own)], axis=1)
     return {
         "parameters": parameters[:, _ORDER],

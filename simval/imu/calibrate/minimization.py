@@ -52,7 +52,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.imu.calibrate.residuals import (
     FIRST,
     LOSSES,
@@ -169,7 +169,7 @@ def minimize_leverage(
     found = minimize(objective, theta[:, 6:], rules, slack)
     result = forms.from_gram(model, leverage.gram(found.theta), found.theta)
     # not an ellipsoid's
-    lost = ~np.asarray(np.isfinite(result).all(axis=-1), dtype=bool)
+    lost = ~np.asarray(np.isfinite(result).all(axis=-1))
     converged = found.code == Code.CONVERGED
     return found._replace(
         theta=np.where(lost[:, None], theta, result),
@@ -204,28 +204,24 @@ class Leverage(Trials):
         two_a = 2.0 * quadratic(v)
         slope = np.matvec(two_a, bias) + v[:, 6:]  # half of -psi'
         square = psi * psi
-        normal = two_a / square[:, None, None]
+        normal, hessian = two_a / square[:, None, None], None
+        if newton:  # the second derivatives fall short of the matrix (H3)
+            by_b = np.empty((len(bias), 9, 3))
+            by_b[:] = _SLOPES[..., 3]
+            by_b += np.einsum("mij,tj->tmi", _SLOPES[..., :3], bias)
+            drawn = self.root @ by_b
+            bent = drawn.mT @ drawn
+            bent *= self.start_cost[:, None, None]
+            tilt = np.vecmat(self.start, by_b)
+            bent += outer(tilt, tilt)
+            bent -= 4.0 * outer(slope, slope) / psi[:, None, None]
+            hessian = normal - bent / square[:, None, None]
         return Local(
             cost=np.where(_is_positive(two_a), 0.5 / psi, np.inf),
             gradient=slope / square[:, None],
             normal=normal,
-            hessian=normal - self._bend(bias, slope, psi) if newton else None,
+            hessian=hessian,
         )
-
-    def _bend(
-        self, bias: Float[Array, "t 3"], slope: Float[Array, "t 3"], psi: Array
-    ) -> Float[Array, "t 3 3"]:
-        # what the second derivatives of 1/2 psi fall short of the matrix (H3)
-        by_b = np.empty((len(bias), 9, 3))
-        by_b[:] = _SLOPES[..., 3]
-        by_b += np.einsum("mij,tj->tmi", _SLOPES[..., :3], bias)
-        drawn = self.root @ by_b
-        bent = drawn.mT @ drawn
-        bent *= self.start_cost[:, None, None]
-        tilt = np.vecmat(self.start, by_b)
-        bent += tilt[:, :, None] * tilt[:, None]
-        bent -= 4.0 * slope[:, :, None] * slope[:, None] / psi[:, None, None]
-        return np.asarray(bent / (psi * psi)[:, None, None])
 
     def gram(self, bias: Float[Array, "t 3"]) -> Float[Array, "t 3 3"]:
         """A = M'M of the best ellipsoid about a centre, eq. (H1)."""

@@ -35,7 +35,7 @@ def coefficients(
     size = np.linalg.norm(design / slope[:, None], axis=0)
     size[size == 0.0] = 1.0
     target = np.delete(1.0 / slope, left_out)
-    return np.asarray(np.linalg.lstsq(rows / size, target, rcond=None)[0] / size)
+    return np.linalg.lstsq(rows / size, target)[0] / size
 
 
 def deletion_of(
@@ -55,9 +55,9 @@ def slope_of(p: Float[Array, "9"], z: Float[Array, "n 3"]) -> Float[Array, " n"]
 def scaled(poses: Float[Array, "n 3"]) -> tuple[Float[Array, "n 3"], float, float]:
     """Centre readings and scale them to unit size."""
     offset = poses - poses.mean(axis=0)
-    greatest = float(np.abs(offset).max()) or 1.0  # squares of it may be out of range
+    greatest = np.abs(offset).max() or 1.0  # squares of it may be out of range
     offset = offset / greatest
-    own = float(np.sqrt(np.mean(np.sum(offset**2, axis=-1)))) or 1.0
+    own = np.sqrt(np.mean(np.sum(offset**2, axis=-1))) or 1.0
     scale = own * greatest
     floor = (_ROUNDING * max(1.0, float(np.abs(poses).max() / scale))) ** 2
     return offset / own, scale, floor
@@ -133,4 +133,4 @@ def standardized(
     elif dof > 1:
         own = np.where(flagged, total / dof, (total - ratio**2) / (dof - 1))
         variance = np.maximum(own, deletion.floor)
-    return np.asarray(-ratio / np.sqrt(variance))
+    return -ratio / np.sqrt(variance)

@@ -73,7 +73,7 @@ def path_statistics(
     is the time from row r - 1 to row r. Shorter stretches end in statistics of zero.
     With a `centre` they are those of the readings less it.
     """
-    longest = -(-int((last - first).max()) // chunk) * chunk  # none left over
+    longest = -(-(last - first).max() // chunk) * chunk  # none left over
     inside = np.arange(longest) < (last - first)[:, None]
     follows = np.minimum(first[:, None] + np.arange(1, longest + 1), len(step) - 1)
     h = np.where(inside, step[follows], 0.0)
@@ -223,7 +223,7 @@ class InterRestRotations(ReadOnly):
     def middles(self) -> Float[Array, " k"]:
         """Middle of each rotation, s."""
         begin = self.times[:, 0] - 0.5 * self.statistics[0, :, 9, 0]
-        return np.asarray(begin + 0.5 * self.seconds)
+        return begin + 0.5 * self.seconds
 
 
 def inter_rest_rotations(
@@ -324,7 +324,7 @@ def inter_rest_rotations(
         statistics=statistics,
         centre=centre,
         rest_rates=levels,
-        rest_seconds=(hi - lo) * float(np.median(step)),
+        rest_seconds=(hi - lo) * np.median(step),
         rest_times=0.5 * (t[lo] + t[hi - 1]),
         times=begin[:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
         white=white,
@@ -373,7 +373,7 @@ def _forces(force: Any, noise: Any, parts: list[PathPart]) -> dict[str, Array]:
     shape = physical_array("force_noise", noise, (size + 1, size + 1))
     summed = []
     for step, first, last, chunk in parts:
-        chunks = -(-int((last - first).max()) // chunk)
+        chunks = -(-(last - first).max() // chunk)
         made = np.zeros((count, size, chunks * chunk))
         for k, (a, b) in enumerate(zip(first, last, strict=True)):
             made[k, :, : b - a] = (rows[a + 1 : b + 1] * step[a + 1 : b + 1, None]).T
@@ -389,7 +389,7 @@ def _checked(time: Array, y: Array, intervals: Any) -> Any:
         )
         raise InputError(msg)
     if not np.all(np.diff(time) > 0.0):
-        where = int(np.argmin(np.diff(time))) + 1
+        where = np.argmin(np.diff(time)) + 1
         msg = (
             f"`time` does not increase at row {where}; sort the rows, or cut "
             "the log there"
@@ -436,7 +436,7 @@ def _without_holes(
     # rotations in which no rows are missing: what was turned in a hole is not known
     pairs = zip(first, last, strict=True)
     longest = np.array([step[a + 1 : b + 1].max() for a, b in pairs])
-    usual = float(np.median(step))
+    usual = np.median(step)
     whole = np.flatnonzero(longest <= _HOLE * usual)
     if not len(whole):
         msg = (
@@ -455,7 +455,7 @@ def _require_in_range(y: Array, first: Any, last: Any, full_scale: float) -> Non
         if reached.max() >= most:
             msg = (
                 f"the rotation between rests {k} and {k + 1} reads "
-                f"{reached.max():.6g} in row {a + int(reached.argmax())}, and the "
+                f"{reached.max():.6g} in row {a + reached.argmax()}, and the "
                 f"sensor's range ends at {most:g}: what was turned there is not known"
             )
             raise SaturatedError(msg, "turn more slowly, or set a wider range")
@@ -473,7 +473,7 @@ def _rest_means(
         squares += (np.diff(rest, axis=0) ** 2).sum(axis=0)
         count += b - a - 1
     per_row = squares / (2.0 * max(count, 1))
-    return means, np.sqrt(per_row * float(np.median(step)))
+    return means, np.sqrt(per_row * np.median(step))
 
 
 def taken(inter_rest: InterRestRotations, good: Any) -> InterRestRotations:

@@ -250,7 +250,7 @@ def variance_within(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "3"]:
     """Variance of single readings about their rest's mean, by axis."""
     counts = np.diff(rests)[:, 0]
     squares = sum(rows[a:b].var(axis=0) * (b - a) for a, b in rests)
-    return np.asarray(squares / (counts.sum() - len(counts)))
+    return squares / (counts.sum() - len(counts))
 
 
 def _taken_out(
@@ -274,7 +274,7 @@ def _taken_out(
     known = None
     if bias == "line":
         known = np.average(rests.rates, axis=0, weights=rests.seconds)
-        clock = np.asarray(time, dtype=float)
+        clock = time
         line = [np.interp(clock, rests.times, y) for y in (rests.rates - known).T]
         more["offset"] = more.get("offset", 0.0) + np.stack(line, axis=1)
     return more, known

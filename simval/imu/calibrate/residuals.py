@@ -43,7 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simval import vocabulary
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
@@ -86,7 +86,7 @@ def moment_matrix(
 ) -> Float[Array, "t 10 10"]:
     """Moment matrix G of the monomials, eq. (Q2)."""
     right = m if weights is None else m * weights[:, None]
-    return np.asarray(m @ right.mT)
+    return m @ right.mT
 
 
 def monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
@@ -216,9 +216,9 @@ def curvature(
     """
     bias, linear, constant = quadric.bias, weights[:, 6:9], weights[:, 9]
     w = symmetric(weights[:, :6])
-    outer = bias[:, :, None] * linear[:, None, :]
-    w -= outer + outer.mT
-    w += constant[:, None, None] * bias[:, :, None] * bias[:, None, :]
+    crossed = outer(bias, linear)
+    w -= crossed + crossed.mT
+    w += outer(constant[:, None] * bias, bias)
     rest = linear - constant[:, None] * bias
     result = np.empty((bias.shape[0], 9, 9))
     result[:, :6, :6] = (seconds * w[:, None, None]).sum(axis=(-2, -1))
@@ -260,7 +260,7 @@ def noise_shares(
     """Weight of each pose by its noise, relative to the quietest pose of its set."""
     if sigma is None or residual not in WEIGHTED or np.all(sigma == sigma[..., :1]):
         return None
-    return np.asarray((sigma.min(axis=-1, keepdims=True) / sigma) ** 2)
+    return (sigma.min(axis=-1, keepdims=True) / sigma) ** 2
 
 
 class Slopes(NamedTuple):

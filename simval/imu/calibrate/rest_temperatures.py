@@ -89,15 +89,16 @@ class RestTemperatures(ReadOnly):
         ]
         lines = [_line(own, time[a:b]) for own, (a, b) in zip(rows, rests, strict=True)]
         seconds = np.array([np.ptp(time[a:b]) for a, b in rests])
+        mean = np.array([own.mean() for own in rows])
         return cls(
-            mean=np.array([own.mean() for own in rows]),
+            mean=mean,
             change=np.array([slope for slope, _ in lines]) * seconds,
             spread=np.array([own.var() for own in rows]),
             time=np.array([time[a:b].mean() for a, b in rests]),
             low=float(min(own.min() for own in rows)),
             high=float(max(own.max() for own in rows)),
             step=float(np.diff(np.unique(np.concatenate(rows))).min(initial=np.inf)),
-            by_force=_share([own.mean() for own in rows], poses),
+            by_force=_share(mean, poses),
         )
 
     @property
@@ -180,20 +181,20 @@ class RestTemperatures(ReadOnly):
         return ""
 
 
-def _share(mean: Any, poses: Float[Array, "m 3"] | None) -> float:
+def _share(mean: Float[Array, " m"], poses: Float[Array, "m 3"] | None) -> float:
     # of the variance of the temperatures, by a plane through the mean readings
-    away = np.asarray(mean) - np.mean(mean)
+    away = mean - mean.mean()
     if poses is None or len(poses) < 8 or not away.any():
         return 0.0
     X = np.column_stack([np.ones(len(poses)), poses - poses.mean(axis=0)])
-    left = away - X @ np.linalg.lstsq(X, away, rcond=None)[0]
-    return float(1.0 - (left @ left) / (away @ away))
+    left = away - X @ np.linalg.lstsq(X, away)[0]
+    return 1.0 - (left @ left) / (away @ away)
 
 
 def _line(values: Array, time: Float[Array, " n"]) -> tuple[Any, float]:
     # slope against the time, and the squares of this that it is known by
     x = time - time.mean()
-    square = float(x @ x)
+    square = x @ x
     slope = x @ (values - values.mean(axis=0)) / square if square > 0.0 else 0.0
     return slope, square
 

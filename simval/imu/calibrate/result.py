@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from simval.arrays import Array, nonnegative_number
+from simval.arrays import Array, nonnegative_number, outer
 from simval.imu.calibrate.estimate import Estimate
 from simval.imu.calibrate.gravity import gravity_error
 from simval.imu.calibrate.values import accelerometer_account
@@ -127,7 +127,7 @@ class FitResult(Estimate):
         """Reading of each axis for the fit's gravity, raw units, (..., 3)."""
         scale = self.sensor_scale
         if self.model == "symmetric":
-            scale = np.diagonal(scale, axis1=-2, axis2=-1)
+            scale = np.linalg.diagonal(scale)
         return self.g * scale
 
     @property
@@ -157,8 +157,7 @@ class FitResult(Estimate):
             return self
         other = replace(self, g_std=nonnegative_number("g_std", g_std, "m/s^2"))
         new, old = other.of_gravity, self.of_gravity
-        more = new[..., :, None] * new[..., None, :]
-        more = more - old[..., :, None] * old[..., None, :]
+        more = outer(new, new) - outer(old, old)
         return replace(other, covariance=self.covariance + more)
 
     @property

@@ -23,7 +23,7 @@ and leaves the batch when it stops, so no trial depends on its neighbours.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -171,7 +171,7 @@ def minimize(
     objective: Objective,
     theta: Float[Array, "t p"],
     rules: Rules,
-    slack: Any,
+    slack: float,
     origin: Float[Array, "t p"] | None = None,
 ) -> Solution:
     """Minimise each trial's cost from its own start.
@@ -196,7 +196,6 @@ def minimize(
         damping=_FIRST_DAMPING * mean,
         length=np.ones(count),
         last=np.full(count, np.inf),
-        slack=np.broadcast_to(slack, (count,)),
     )
     for iteration in range(1, rules.max_iterations + 1):
         step = _step(trials.here, rules.method, trials.damping)
@@ -212,14 +211,12 @@ def minimize(
             if done.all():
                 break
             trials, there, size = trials.take(~done), there[~done], size[~done]
-        trials = _advance(objective, trials, there, size, ended, iteration)
+        trials = _advance(objective, trials, there, size, slack, ended, iteration)
         if trials.rows.size == 0:
             break
     else:
-        every = np.ones(trials.rows.size, dtype=bool)
-        trials.leave(
-            ended, every, trials.theta, rules.max_iterations, Code.MAX_ITERATIONS
-        )
+        last = rules.max_iterations
+        trials.leave(ended, slice(None), trials.theta, last, Code.MAX_ITERATIONS)
     return ended
 
 
@@ -233,7 +230,6 @@ class _Active(Trials):
     damping: Float[Array, " t"]
     length: Float[Array, " t"]
     last: Float[Array, " t"]  # size of the last step, eq. (L1)
-    slack: Float[Array, " t"]
 
     def leave(
         self,
@@ -245,7 +241,7 @@ class _Active(Trials):
     ) -> None:
         gone = self.rows[which]
         ended.theta[gone] = theta[which]
-        ended.code[gone] = int(code)
+        ended.code[gone] = code
         ended.iterations[gone] = iteration
         norm = np.sqrt(np.vecdot(self.here.gradient, self.here.gradient))
         ended.gradient_norm[gone] = norm[which]
@@ -256,25 +252,24 @@ def _advance(
     trials: _Active,
     there: Float[Array, "t p"],
     size: Float[Array, " t"],
+    slack: float,
     ended: Solution,
     iteration: int,
 ) -> _Active:
     # accept the steps that do not raise the cost; damp or shorten the others
     local = objective(there, trials.rows)
-    better = local.cost <= trials.here.cost + trials.slack  # NaN is not better
+    better = local.cost <= trials.here.cost + slack  # NaN is not better
     at_floor = better & (size <= _ROUNDING_FLOOR) & (size >= trials.last)
     damping = np.where(better, trials.damping / 10.0, trials.damping * 10.0)
     length = np.where(better, np.minimum(2.0 * trials.length, 1.0), trials.length / 2.0)
     dead = ~better & ((damping > _LAST_DAMPING * trials.mean) | (length < _SHORTEST))
-    moved = _Active(
-        rows=trials.rows,
+    moved = replace(
+        trials,
         theta=np.where(better[:, None], there, trials.theta),
         here=_choose(better, local, trials.here),
-        mean=trials.mean,
         damping=damping,
         length=length,
         last=np.where(better, size, trials.last),
-        slack=trials.slack,
     )
     stop = at_floor | dead
     if not stop.any():

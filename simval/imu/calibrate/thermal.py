@@ -112,7 +112,7 @@ class ThermalTriad(Accelerometer):
         raw, stretch = law(self.terms, values, self.powers, plain.x)
         x = stretch * raw
         return _ThermalVector(
-            w=x @ np.swapaxes(plain.matrix, -1, -2), x=x, matrix=plain.matrix,
+            w=x @ plain.matrix.mT, x=x, matrix=plain.matrix,
             slopes=plain.slopes, std=plain.std, raw=raw, stretch=stretch,
             terms=self.terms, powers=self.powers,
         )  # fmt: skip
@@ -199,7 +199,7 @@ class Term(ReadOnly):
     ) -> Float[Array, "n 3"]:
         """Readings as they would be at the reference temperature."""
         away, stretch = self._factors(readings, self.powers(temperature))
-        return np.asarray(self.centre + stretch * away)
+        return self.centre + stretch * away
 
     def _factors(
         self, readings: Float[Array, "n 3"], powers: Float[Array, "n 2"]
@@ -264,7 +264,6 @@ class ThermalFit(NamedTuple):
     covariance: Float[Array, "p p"]  # by the noise as it stands
     square: float
     slopes: Float[Array, "n p"]  # of distances, in the unit of the noise
-    distances: Float[Array, " n"]  # in that
 
 
 class ThermalChoice(NamedTuple):
@@ -358,7 +357,7 @@ def thermal_problem(
     terms: tuple[Effect, ...],
 ) -> Problem:
     """The equations of one triad with some terms, or with none."""
-    floor = _FLOOR * float(np.abs(poses).max())
+    floor = _FLOOR * np.abs(poses).max()
     noise = np.broadcast_to(np.maximum(std, floor)[:, None], poses.shape)
     triad = ThermalTriad(
         readings=poses, std=noise, model=model, g=g, terms=terms, powers=powers
@@ -379,6 +378,5 @@ def _fitted(
     if not (found.converged[0] and pivot[0] > 1e-10):  # of rounding: 1e-13
         return None
     return ThermalFit(
-        found.theta[0], covariance[0], float(here.chi_square[0]), here.slopes[0],
-        here.rows[0],
-    )  # fmt: skip
+        found.theta[0], covariance[0], float(here.chi_square[0]), here.slopes[0]
+    )

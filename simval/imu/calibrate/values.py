@@ -57,7 +57,7 @@ def how_good(
     The vector is gravity, or not a `force`: then a bias has no size as one.
     """
     known = bool(np.isfinite(fit.sd).all())
-    left = 1e3 * float(fit.rms)
+    left = 1e3 * fit.rms
     lines = [f"The poses leave {left:.2g} mm/s² RMS of | |TK(y - B)| - g |."] * force
     if bound is not None and known and np.all(bound > 0.0):
         lines.append(
@@ -149,7 +149,7 @@ def magnetometer_values(
 
 def chi_square(fit: Any) -> Fact:
     """Chi-square of a fit and its degrees of freedom."""
-    ratio = float(fit.chi2_per_dof)
+    ratio = fit.chi2_per_dof
     free = counted(fit.dof, "degree")
     return Fact("fit", f"chi-square {ratio:.3g} per degree of freedom, {free}")
 
@@ -173,7 +173,7 @@ def accelerometer_account(fit: Any) -> Account:
         notes=(matrix_note(fit),),
         facts=(
             status(fit),
-            Fact("poses", f"condition {float(fit.condition):.3g}"),
+            Fact("poses", f"condition {fit.condition:.3g}"),
             Fact("95 %", f"{kind}, {counted(fit.dof, 'degree')} of freedom"),
             *judged,
             *signs,
@@ -197,12 +197,12 @@ def noise_facts(noise: Any) -> tuple[Fact, ...]:
 
 def gyroscope_account(fit: Any) -> Account:
     """State the calibration of a gyroscope, alone or with its accelerometer."""
-    return _of_rows(fit, "a gyroscope", (gyroscope_values(fit),))
+    return _of_rows(fit, (gyroscope_values(fit),))
 
 
 def magnetometer_account(fit: Any) -> Account:
     """State the calibration of a magnetometer on an accelerometer's axes."""
-    return _of_rows(fit, "a magnetometer", (magnetometer_values(fit),))
+    return _of_rows(fit, (magnetometer_values(fit),))
 
 
 def several_account(found: Any) -> Account:
@@ -214,12 +214,12 @@ def several_account(found: Any) -> Account:
         values.append(gyroscope_values(own, taken.G, taken.G_sd, facts))
     if compass is not None:
         values.append(magnetometer_values(compass))
-    return _of_rows(found, "several sensors", tuple(values))
+    return _of_rows(found, tuple(values))
 
 
-def _of_rows(fit: Any, what: str, values: tuple[Values, ...]) -> Account:
+def _of_rows(fit: Any, values: tuple[Values, ...]) -> Account:
     return Account(
-        title=f"Calibration of {what}",
+        title=f"Calibration of {fit.what}",
         said=status(fit).words,
         values=values,
         facts=(status(fit), chi_square(fit), *noise_facts(fit.noise)),
@@ -231,7 +231,7 @@ def rate_unit(M: Float[Array, "3 3"]) -> tuple[float | None, str]:
 
     None of counts, which come near the others.
     """
-    scale = float(np.cbrt(abs(np.linalg.det(M))))
+    scale = np.cbrt(abs(np.linalg.det(M)))
     for name in ("rad/s", "deg/s"):
         size = OF_A_LOG["gyro"][name]
         if 1.0 / NEAR < scale / size < NEAR:

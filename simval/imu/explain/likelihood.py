@@ -144,7 +144,7 @@ def _centre(z: Float[Array, "n 3"]) -> Float[Array, "3"]:
     rows = np.column_stack([2.0 * z, np.ones(len(z))])
     weak = np.diag([1e-2, 1e-2, 1e-2, 0.0])
     target = np.concatenate([np.sum(z**2, axis=1), np.zeros(4)])
-    centre = np.linalg.lstsq(np.concatenate([rows, weak]), target, rcond=None)[0][:3]
+    centre = np.linalg.lstsq(np.concatenate([rows, weak]), target)[0][:3]
     return centre if np.linalg.norm(centre) < 2.0 else np.zeros(3)
 
 

@@ -44,6 +44,7 @@ from simval.arrays import (
     Array,
     frozen,
     nonnegative_number,
+    outer,
     physical_array,
     positive_number,
 )
@@ -378,7 +379,7 @@ def _transition(phi: Float[Array, "... 3"], h: float) -> Float[Array, "... 6 6"]
         1.0 / 6.0 - square / 120.0,
         (1.0 - sinc) / np.maximum(square, 1e-4),
     )
-    XX = phi[..., :, None] * phi[..., None, :] - square * I3
+    XX = outer(phi, phi) - square * I3
     F = np.zeros((*phi.shape[:-1], 6, 6))
     F[..., :3, :3] = I3 - sinc * X + half * XX
     F[..., :3, 3:] = -h * (I3 - half * X + rest * XX)

@@ -305,7 +305,7 @@ def _is_bound_to_poses(force: Array, rate: Array) -> bool:
     moved = a.var(axis=0).sum() > 10.0 * noise.mean()
     apart = w[still].var(axis=0).sum() > 0.7 * w.var(axis=0).sum()
     X = np.column_stack([w, np.ones(len(w))])
-    middle = np.linalg.lstsq(X, (w * w).sum(axis=1), rcond=None)[0][:3] / 2.0
+    middle = np.linalg.lstsq(X, (w * w).sum(axis=1))[0][:3] / 2.0
     off = np.linalg.norm(w - middle, axis=1)
     spread = np.linalg.svd(w - w.mean(axis=0), compute_uv=False)
     sphere = off.var() < 0.2**2 * w.var(axis=0).sum() and spread[1] > 0.2 * spread[0]

@@ -364,7 +364,7 @@ def _with_terms(
     fit: FitResult, warm: ThermalFit, std: Float[Array, " m"] | None
 ) -> FitResult:
     # the fit of the readings at the reference, with what the terms cost it
-    dof = len(warm.distances) - warm.theta.size
+    dof = len(warm.slopes) - warm.theta.size
     scale = warm.square / dof
     chi2: Any = np.float64(np.nan if std is None else scale)
     return replace(
@@ -448,17 +448,18 @@ def calibrate_sensors(
     imu, compass = parts.get("gyroscope"), parts.get("magnetometer")
     warm = ThermalChoice() if compass is None else warm  # what is left out has none
     whole, refusal = _all(parts, shifts)
-    one = imu if whole is None else whole
-    taken = NOTHING if imu is None else imu.recording.taken
+    one, other = whole or imu, whole or compass
+    taken, matrices = NOTHING, {"accelerometer": result.fit.matrix}
+    if imu is not None:
+        taken, matrices["gyro"] = imu.recording.taken, imu.gyroscope.M
     reasons = (
         ()
         if one is None
         else (*taken.reasons, *filter(None, [one.noise.words]), *refusal)
     )
-    other = compass if whole is None else whole
     return replace(
         result,
-        accelerometer=one.accelerometer or result.fit if one else result.fit,
+        accelerometer=(one and one.accelerometer) or result.fit,
         gyroscope=one.gyroscope if one else None,
         magnetometer=other.magnetometer if other else None,
         together=whole,
@@ -473,7 +474,7 @@ def calibrate_sensors(
         field_noise=field_noise if compass else None,
         left_out=left_out,
         thermal_reasons=tuple(x for x in (result.warm.reason, warm.reason) if x),
-        units=_units(recorded, result, imu, hemisphere),
+        units=units_of(recorded, matrices=matrices, hemisphere=hemisphere),
     )
 
 
@@ -512,16 +513,6 @@ def _all(
 
 def _with_errors(recording: Recording, shifts: Mapping[str, Any]) -> Recording:
     return replace(recording, taken=recording.taken._replace(shifts=shifts))
-
-
-def _units(
-    log: Log, result: LogCalibration, imu: Calibration | None, hemisphere: str
-) -> dict[str, Scale]:
-    # of the log, as the fits show them
-    matrices = {"accelerometer": result.fit.matrix}
-    if imu is not None:
-        matrices["gyro"] = imu.gyroscope.M
-    return units_of(log, matrices=matrices, hemisphere=hemisphere)
 
 
 def _gyroscope(
@@ -564,7 +555,7 @@ def _gyroscope(
 
 def _matrix(found: Calibration) -> Float[Array, "3 3"]:
     # of the one other sensor
-    return np.asarray((found.gyroscope or found.magnetometer).M)
+    return (found.gyroscope or found.magnetometer).M
 
 
 def _fields(

@@ -132,7 +132,7 @@ def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
             )
             raise InputError(msg)
         if not inside.any():
-            k = int(np.argmin(np.maximum(first - each, each - last)))
+            k = np.argmin(np.maximum(first - each, each - last))
             msg = (
                 f"there is no rest at {each:g} s to leave out; the nearest, rest "
                 f"{k}, is from {first[k]:.2f} s to {last[k]:.2f} s; give its number "
@@ -172,7 +172,7 @@ def case_of(
         means=interval_means(samples, intervals),
         noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
         same=np.median(same, axis=0) if parts else np.ones(3),
-        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
+        same_rows=np.quantile(rows, 0.9) if parts else 1.0,
         fit=fit,
         dof=len(intervals) - PARAMETERS,
         numbers=np.arange(len(intervals)) if numbers is None else numbers,
@@ -210,7 +210,7 @@ def middle_of_counts(samples: Float[Array, "n 3"]) -> float:
     """Reading about which a sign is turned: mid-range for unsigned counts."""
     if samples.min() < 0.0 or np.any(samples != np.round(samples)):
         return 0.0
-    return float(2.0 ** (np.ceil(np.log2(float(samples.max()) + 1.0)) - 1.0))
+    return float(2.0 ** (np.ceil(np.log2(samples.max() + 1.0)) - 1.0))
 
 
 def laps_of(log: Log) -> tuple[Float[Array, "n 3"], float]:
@@ -223,9 +223,9 @@ def laps_of(log: Log) -> tuple[Float[Array, "n 3"], float]:
     steps, span = np.diff(samples, axis=0), np.ptp(samples, axis=0)
     jumps = np.abs(steps) > _JUMP * span
     turns = np.concatenate([np.zeros((1, 3)), np.cumsum(-np.sign(steps) * jumps, 0)])
-    widest = float(np.max(span, where=jumps.any(axis=0), initial=0.0))
+    widest = np.max(span, where=jumps.any(axis=0), initial=0.0)
     if np.all(samples == np.round(samples)):
-        power = float(2.0 ** np.ceil(np.log2(widest + 1.0)))
+        power = 2.0 ** np.ceil(np.log2(widest + 1.0))
         if power < _FEWEST * widest:
             return turns, power
     return turns, _WIDER * widest

@@ -26,9 +26,8 @@ from simval.account import (
     Reply,
     Values,
 )
-from simval.arrays import Array
+from simval.arrays import Array, json_values
 from simval.files import digest
-from simval.imu.calibrate import MagnetometerFit
 from simval.imu.calibrate.diagnosis import (
     LEAST_FREEDOM,
     Diagnosis,
@@ -78,6 +77,7 @@ from simval.spelling import chance, counted, series
 ANSWERS: dict[bool | None, Answer] = {True: "pass", False: "fail", None: "inconclusive"}
 BEGIN = {True: "Yes", False: "No", None: "Cannot tell"}
 """The answer of a condition, as a mark and as a word."""
+ORDER = "order of the poses"
 REPEAT = "Repeat the first poses at the end."
 ADD = "Add poses."
 WARM = "Record more rests, warmer and colder in turn."
@@ -111,8 +111,7 @@ class Condition(NamedTuple):
 
     def as_object(self) -> dict[str, Any]:
         """Return the condition as plain JSON values."""
-        known = np.isfinite(self.p_value)
-        return self._asdict() | {"p_value": self.p_value if known else None}
+        return self._asdict() | {"p_value": json_values(self.p_value)}
 
     @property
     def sentence(self) -> str:
@@ -176,19 +175,12 @@ def _rests(log: Any) -> Condition:
 
 def order(found: Diagnosis | Drift, sensor: str = "accelerometer") -> Condition:
     """Judge whether a drift would be seen with the poses in this order."""
-    hides = found.hidden > HIDDEN
-    words = "in this order of the poses a drift would be seen"
-    if hides:
-        words = f"in this order of the poses a drift of {found.hides} of the {sensor} "
-        words += "looks like a change of other parameters"
-    return Condition(
-        about="order of the poses",
-        holds=None if hides else True,
-        p_value=float("nan"),
-        level=HIDDEN,
-        words=words,
-        do=REPEAT if hides else "",
-    )
+    begin = "in this order of the poses a drift"
+    made = Condition(ORDER, True, np.nan, HIDDEN, f"{begin} would be seen")
+    if not found.hidden > HIDDEN:
+        return made
+    words = f"of {found.hides} of the {sensor} looks like a change of other parameters"
+    return made._replace(holds=None, words=f"{begin} {words}", do=REPEAT)
 
 
 def _drift_in_fit(whole: Any) -> Condition | None:
@@ -197,7 +189,7 @@ def _drift_in_fit(whole: Any) -> Condition | None:
     if found is None or found.over is not TIME or ("bias", 1) not in found.terms:
         return None
     words = "a drift of its bias is in the fit, and in the error bars"
-    return Condition("order of the poses", True, float("nan"), HIDDEN, words)
+    return Condition(ORDER, True, np.nan, HIDDEN, words)
 
 
 def _drift(name: str, found: Drift) -> Condition:
@@ -216,18 +208,15 @@ def _drift(name: str, found: Drift) -> Condition:
 
 def _temperature(whole: Any) -> Condition:
     # whether its effect is in the bars: tested, and not the same as a drift in time
-    warm, words = whole.warm, "the temperature has no effect that is left out"
+    warm = whole.warm
+    words = "the temperature has no effect that is left out"
+    made = Condition("temperature of the rests", True, np.nan, FALSE_ALARM, words)
     untold = warm.rests.confounded if whole.taken.thermal else None
     if untold is None and not warm.tested and warm.rests.span >= LEAST_SPAN:
         untold = Remark("not tested", warm.reason, WARM)
-    return Condition(
-        about="temperature of the rests",
-        holds=None if untold else True,
-        p_value=float("nan"),
-        level=FALSE_ALARM,
-        words=untold.words if untold else words,
-        do=untold.do if untold else "",
-    )
+    if untold is None:
+        return made
+    return made._replace(holds=None, words=untold.words, do=untold.do)
 
 
 def _within(found: Within) -> Condition:
@@ -252,15 +241,15 @@ def _joint(noise: NoiseFactors) -> Condition:
 
 def _rows(fit: Any) -> Condition:
     # of a fit whose sensors were not judged one by one
-    p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
-    words = f"chi-square per degree of freedom is {float(fit.chi2_per_dof):.3g}"
+    p = chi_square_chance(fit.chi2_per_dof * fit.dof, fit.dof)
+    words = f"chi-square per degree of freedom is {fit.chi2_per_dof:.3g}"
     do = "Look at the moves with the largest residual angles (--report)."
     return _by_chance("moves of the gyroscope", p, BEYOND, words, do)
 
 
 def poses_alike(fit: Any, numbers: Intervals) -> Condition:
     """Judge whether the field is the same in every pose, to within its noise."""
-    p = chi_square_chance(float(fit.chi_square), fit.dof)
+    p = chi_square_chance(fit.chi_square, fit.dof)
     words, do = "the field is the same in every pose", ""
     if fit.disturbed:
         named = [str(numbers[k]) for k in fit.disturbed]
@@ -343,12 +332,13 @@ def calibration_account(whole: Any) -> Account:
 def limited(reply: Reply, found: Diagnosis) -> Reply:
     """Add to the first answer what limits the fit besides its noise, and what to do."""
     limits = []
-    if not found.geometry <= GEOMETRY_LIMIT:
+    poor, wide = not found.geometry <= GEOMETRY_LIMIT, found.widest > WIDE
+    if poor:
         limits.append(
             f"The worst error bar is {found.geometry:.2g} times that of as many poses "
             "spread evenly over the sphere: add poses in directions not yet covered."
         )
-    if found.widest > WIDE:
+    if wide:
         percent = 100.0 * found.widest
         limits.append(f"A scale is known to {percent:.2g} % only: add poses.")
     if 0 < found.freedom < LEAST_FREEDOM:
@@ -357,10 +347,9 @@ def limited(reply: Reply, found: Diagnosis) -> Reply:
             f"With {counted(found.freedom, 'degree')} of freedom a scatter of "
             f"{most:.2g} times the noise would pass unseen: add poses."
         )
-    wide = not found.geometry <= GEOMETRY_LIMIT or found.widest > WIDE
     return replace(
         reply,
-        answer="inconclusive" if wide else reply.answer,
+        answer="inconclusive" if poor or wide else reply.answer,
         do=" ".join([reply.do, *limits]).strip(),
     )
 
@@ -454,9 +443,7 @@ def _acting(name: str, found: Term, size: Array, unit: str) -> Values:
             )
         ]  # fmt: skip
         lines.append(Line(what, f"{'ppm' if what == 'scale' else unit}/{per}", cells))
-    ends = [
-        float((found.bars(t)["bias"] * size).max()) for t in (found.low, found.high)
-    ]
+    ends = [(found.bars(t)["bias"] * size).max() for t in (found.low, found.high)]
     words = f"at either end a bias is off by {max(ends):.2g} {unit} (sd) more than at "
     return Values(
         title=f"{name} in {found.over.name}",
@@ -498,7 +485,7 @@ def _facts(whole: Any) -> Iterator[Fact]:
         for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
             yield from [Fact("temperature", words)] if words else []
     yield status(fit)
-    yield Fact("poses", f"condition {float(fit.condition):.3g}")
+    yield Fact("poses", f"condition {fit.condition:.3g}")
     per = "per degree of freedom"
     yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
     yield from (Fact("in files", each) for each in forms.sign_notes(fit.model))
@@ -534,20 +521,16 @@ def log_object(log: Log) -> dict[str, Any]:
 def as_object(whole: Any) -> dict[str, Any]:
     """Return the accelerometer as one JSON object: a calibration file, with extras."""
     diagnosis = whole.diagnosis
-    known = not np.isnan(diagnosis.chi2_per_dof)
-    white = whole.white_chi2_per_dof
     return to_json(whole.accelerometer) | {
         "intervals": len(whole.intervals),
         "interval_samples": whole.intervals.tolist(),
         "multiplier": whole.multiplier,
         "rest_seconds": whole.rest_seconds,
         "rest_found": whole.rest.found,
-        "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
-        "p_value": diagnosis.p_value if known else None,
-        "white_chi2_per_dof": None if np.isnan(white) else white,
-        "pose_noise": whole.pose_noise.source,
-        "pose_noise_std": whole.pose_noise.std.tolist(),
-        "pose_noise_white_std": whole.pose_noise.white.tolist(),
+        "chi2_per_dof": json_values(diagnosis.chi2_per_dof),
+        "p_value": json_values(diagnosis.p_value),
+        "white_chi2_per_dof": json_values(whole.white_chi2_per_dof),
+        **whole.pose_noise.as_object(),
         "least_determined": diagnosis.least_determined.sentence,
         "outliers": list(diagnosis.outliers),
         "next_direction": whole.next_direction.tolist(),
@@ -582,14 +565,16 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "budget": budget_object(other_sources(whole.gyroscope, 12)),
         }
     if whole.magnetometer is not None:
-        values["magnetometer"] = _magnetometer_object(whole.magnetometer)
-        noise = whole.field_noise
-        values["magnetometer"] |= {
-            "pose_noise": noise.source,
-            "pose_noise_std": noise.std.tolist(),
-            "pose_noise_white_std": noise.white.tolist(),
-            "residuals": whole.magnetometer.noise.as_object(),
-            "budget": budget_object(other_sources(whole.magnetometer, len(OWN_NAMES))),
+        own = whole.magnetometer
+        document = own.as_document()
+        # without the accelerometer, which the file states once
+        values["magnetometer"] = document | {
+            "parameters": {name: document["parameters"][name] for name in OWN_NAMES},
+            "names": list(OWN_NAMES),
+            "covariance": own.own_covariance.tolist(),
+            **whole.field_noise.as_object(),
+            "residuals": own.noise.as_object(),
+            "budget": budget_object(other_sources(own, len(OWN_NAMES))),
         }
     if whole.together is not None:
         values["together"] = whole.together.as_object()
@@ -601,16 +586,6 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
 def _terms_object(whole: Any, over: Course) -> dict[str, Any]:
     terms = whole.taken.thermal.items()
     return {name: own.as_object() for name, own in terms if own.over is over}
-
-
-def _magnetometer_object(fit: MagnetometerFit) -> dict[str, Any]:
-    # without the accelerometer, which the file states once
-    document = fit.as_document()
-    return document | {
-        "parameters": {name: document["parameters"][name] for name in OWN_NAMES},
-        "names": list(OWN_NAMES),
-        "covariance": fit.own_covariance.tolist(),
-    }
 
 
 def message_covariances(log: Log, whole: Any) -> dict[str, Any]:

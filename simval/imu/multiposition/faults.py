@@ -135,7 +135,7 @@ def constant_axis(case: JudgedRests) -> str | None:
     still = np.ptp(samples, axis=0) == 0.0
     if still.all() or not still.any():  # all three: the log is empty of readings
         return None
-    axis = int(np.argmax(still))
+    axis = np.argmax(still)
     return (
         f"axis {AXES[axis]} shows {samples[0, axis]:g} in every row "
         f"{case.rows(0, len(samples))}: it is not connected or stuck; check its wire "
@@ -193,9 +193,9 @@ def spikes(case: JudgedRests) -> str | None:
         shifts.append(np.where(far, offset, 0.0).mean(axis=0))
         count += int(np.count_nonzero(far))
         if first < 0 and far.any():
-            first = int(start) + int(np.argmax(far.any(axis=1)))
+            first = start + np.argmax(far.any(axis=1))
     shift = np.mean(shifts, axis=0)
-    axis = int(np.argmax(np.abs(shift)))
+    axis = np.argmax(np.abs(shift))
     if not abs(shift[axis]) > _SHIFT * radius:
         return None
     return (
@@ -251,11 +251,11 @@ def flat_axis(case: JudgedRests) -> str | None:
     size = np.linalg.norm(centred, axis=0)
     size[size == 0.0] = 1.0
     alike = np.abs((centred / size).T @ (centred / size))
-    one, two = max(((0, 1), (0, 2), (1, 2)), key=lambda pair: float(alike[pair]))
+    one, two = max(((0, 1), (0, 2), (1, 2)), key=lambda pair: alike[pair])
     # root mean square of an axis that the other two do not explain
     others = np.delete(centred, two, axis=1)
-    part = np.linalg.lstsq(others, centred[:, two], rcond=None)[0]
-    own = float(np.sqrt(np.mean((centred[:, two] - others @ part) ** 2)))
+    part = np.linalg.lstsq(others, centred[:, two])[0]
+    own = np.sqrt(np.mean((centred[:, two] - others @ part) ** 2))
     like = min(spread[one], spread[two]) > _LIKE * max(spread[one], spread[two])
     if like and own < _FLAT * spread.max() and spread.min() > _FLAT * spread.max():
         likeness = "the same" if centred[:, one] @ centred[:, two] > 0 else "opposite"
@@ -265,12 +265,12 @@ def flat_axis(case: JudgedRests) -> str | None:
             "the sensor was turned about one axis alone; check the wiring and the "
             "columns (--columns), add poses, and record again"
         )
-    axis = int(np.argmin(spread))
-    typical = float(np.median(spread))
+    axis = np.argmin(spread)
+    typical = np.median(spread)
     odd = case.misfit > MISFIT
     if case.fit is not None:
         scale = np.abs(np.diagonal(case.fit.matrix))
-        odd |= float(scale[axis]) > _ODD_SCALE * np.median(scale)
+        odd |= scale[axis] > _ODD_SCALE * np.median(scale)
     if spread[axis] < _FLAT * typical or (spread[axis] < _WEAK * typical and odd):
         return (
             f"axis {AXES[axis]} varies by {spread[axis]:.2g} over the {len(centred)} "
@@ -348,9 +348,9 @@ def _gravity(inside: Float[Array, "m 3"], case: JudgedRests) -> float:
     # of some rests over that of the others
     if case.fit is not None:
         force = case.fit.sensor().correct(inside)
-        return float(np.median(np.linalg.norm(force, axis=-1) / case.fit.g))
+        return np.median(np.linalg.norm(force, axis=-1) / case.fit.g)
     radii = [np.sqrt(np.sum(np.var(part, axis=0))) for part in (inside, case.means)]
-    return float(max(radii[0], np.finfo(float).tiny) / radii[1])
+    return max(radii[0], np.finfo(float).tiny) / radii[1]
 
 
 def undecided(case: JudgedRests) -> str | None:

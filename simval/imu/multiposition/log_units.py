@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from simval.account import Fact, Remark
-from simval.arrays import Array
+from simval.arrays import Array, json_values
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate
 from simval.imu.logs import Log
@@ -43,8 +43,6 @@ _EXAMPLES: Final = {
     "gyro": "deg/s, rad/s, or rad/s",
     "magnetometer": "uT, gauss, or T",
 }
-_NO_UNITS: Final[Mapping[str, str | None]] = MappingProxyType({})
-_NO_MATRICES: Final[Mapping[str, Array]] = MappingProxyType({})
 
 
 Judged = Literal["agrees", "contradicted", "doubtful", "not judged"]
@@ -83,9 +81,8 @@ class Scale(NamedTuple):
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values."""
-        known = np.isfinite(self.factor)
         return self._asdict() | {
-            "factor": self.factor if known else None,
+            "factor": json_values(self.factor),
             "said": [str(each) for each in self.said],
             "do": [each.do for each in self.said],
         }
@@ -98,10 +95,10 @@ def written_unit(log: Log, sensor: str) -> str:
 
 def units_of(
     log: Log,
-    given: Mapping[str, str | None] = _NO_UNITS,
+    given: Mapping[str, str | None] = MappingProxyType({}),
     *,
     means: Float[Array, "m 3"] | None = None,
-    matrices: Mapping[str, Float[Array, "3 3"]] = _NO_MATRICES,
+    matrices: Mapping[str, Float[Array, "3 3"]] = MappingProxyType({}),
     hemisphere: str = "unstated",
 ) -> dict[str, Scale]:
     """Judge the unit and the axes of each sensor that a log has.
@@ -131,19 +128,17 @@ def units_of(
     InputError
         If a unit that is given is none.
     """
-    stated = {sensor: given.get(sensor) for sensor in OF_A_LOG}
-    sizes = {
-        sensor: _size(sensor, unit) if (unit := stated[sensor]) else own.get(name)
-        for sensor, own in OF_A_LOG.items()
-        for name in (written_unit(log, sensor),)
-    }
-    known = {sensor: size for sensor, size in sizes.items() if size is not None}
-    found = {}
+    known, found = dict[str, float](), {}
+    for sensor, own in OF_A_LOG.items():
+        stated = given.get(sensor)
+        size = _size(sensor, stated) if stated else own.get(written_unit(log, sensor))
+        if size is not None:
+            known[sensor] = size
     for sensor, seen in seen_of(log, known, matrices).items():
         if sensor in known:
-            unit, given_ = stated[sensor], stated[sensor] is not None
-            unit = unit or written_unit(log, sensor)
-            scale = _judged(sensor, unit, given_, known[sensor], seen)
+            stated = given.get(sensor)
+            unit = stated or written_unit(log, sensor)
+            scale = _judged(sensor, unit, stated is not None, known[sensor], seen)
         else:
             if np.all(np.mod(getattr(log, sensor), 1.0) == 0.0):
                 # counts, of which 1024 a g are nearly mg, 0.15 uT each nearly mgauss
@@ -215,7 +210,7 @@ def _reason(sensor: str, size: float, seen: Seen) -> tuple[str, float | None, st
         likely += [("", size * k, words.format(k)) for k in POWERS]
     off = [abs(np.log(each[1] / seen.size)) for each in likely]
     if off and min(off) <= np.log(seen.near):
-        return likely[int(np.argmin(off))]
+        return likely[np.argmin(off)]
     if sensor == "accelerometer" and seen.size > size:
         return "", None, "gravity may have been taken out of them"
     if seen.low > 0.0 and seen.size < size / COUNTS and sensor in _RANGES:
@@ -248,7 +243,7 @@ def _shown(sensor: str, seen: Seen, means: Float[Array, "m 3"] | None) -> Scale:
         how = f"not stated by the header; give --{sensor}-unit {_EXAMPLES[sensor]}"
         return Scale(None, f"{how} per count")
     lengths = np.linalg.norm(means, axis=1)
-    length = float(lengths[0])
+    length = lengths[0]
     # counts about the middle of an unsigned converter, not about zero
     middles = 2.0 ** np.arange(9, 32)
     offset = np.any(np.all(np.abs(means[0][:, None] / middles - 1.0) < 0.3, axis=0))
@@ -300,7 +295,7 @@ def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[Remark, 
 
 def _listed(own: Float[Array, "3 3"]) -> str:
     # where x, y and z point
-    axes = [int(np.argmax(np.abs(column))) for column in own.T]
+    axes = [np.argmax(np.abs(column)) for column in own.T]
     signs = ["-" if own[axis, k] < 0.0 else "" for k, axis in enumerate(axes)]
     return ", ".join(
         f"{sign}{AXES[axis]}" for sign, axis in zip(signs, axes, strict=True)

@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 import scipy
 
 from simval.account import Remark
-from simval.arrays import Array, ReadOnly, frozen, positive_number
+from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError, RefusedError
 from simval.geometry import normalize
 from simval.imu.calibrate import FitResult
@@ -36,7 +35,7 @@ LATE = 1.5  # median steps from row to row: one is missing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LogNoise:
+class LogNoise(ReadOnly):
     """Noise model of each signal of a log.
 
     Attributes
@@ -70,11 +69,6 @@ class LogNoise:
     magnetometer: tuple[AxisNoise, ...]
     means: Float[Array, "m 3"]
     left_out: Mapping[str, Remark]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "means", frozen(self.means))
-        own = MappingProxyType(dict(self.left_out))
-        object.__setattr__(self, "left_out", own)
 
 
 def log_noise(
@@ -165,7 +159,7 @@ def _still(log: Log, rest: float | None) -> tuple[int, int, str, Intervals]:
 
 
 def _longest(intervals: Intervals) -> tuple[int, int]:
-    start, stop = intervals[int(np.argmax(intervals[:, 1] - intervals[:, 0]))]
+    start, stop = intervals[np.argmax(interval_counts(intervals))]
     return int(start), int(stop)
 
 
@@ -178,9 +172,9 @@ def require_even(log: Log, start: int, stop: int) -> None:
         If more than a hundredth of the rows is missing between them.
     """
     steps = np.diff(log.time[start:stop])
-    median = float(np.median(steps)) if len(steps) else 1.0
+    median = np.median(steps) if len(steps) else 1.0
     late = steps[steps > LATE * median] / median
-    share = float(np.sum(late - 1.0)) / max(len(steps), 1)
+    share = np.sum(late - 1.0) / max(len(steps), 1)
     if not share <= MISSING:
         msg = (
             f"{log.path}: between {log.time[start]:.2f} s and "
@@ -235,6 +229,14 @@ class PoseNoise(ReadOnly):
     slow: Float[Array, " m"] | float = 1.0
     rounded: Float[Array, " m"] | float = 0.0
 
+    def as_object(self) -> dict[str, Any]:
+        """Return what it is and where it comes from as plain JSON values."""
+        return {
+            "pose_noise": self.source,
+            "pose_noise_std": self.std.tolist(),
+            "pose_noise_white_std": self.white.tolist(),
+        }
+
 
 def white_noise(
     samples: Float[Array, "n 3"], intervals: Intervals, block: int = 1
@@ -286,7 +288,7 @@ def pose_noise(
             start, stop = _telling_rest(log, intervals)
             measure = noise_of_readings if compass else noise_of
             axes = measure(samples[start:stop], log.rate, intervals=False)
-        std = mean_noise(axes, (intervals[:, 1] - intervals[:, 0]) / log.rate)
+        std = mean_noise(axes, interval_counts(intervals) / log.rate)
     except RefusedError as refusal:
         words = f"white noise alone: {refusal}"
         return PoseNoise(std=white, white=white, source="white", words=words, do=LONGER)
@@ -329,7 +331,7 @@ def along_gravity(
     block = max(1, round(_SHORT * log.rate))
     short, dof = _scatter(turned, np.full(len(counts), block))
     v, *beside = dof @ short
-    F = float(np.mean(beside)) / v / _UNLIKE if v > 0.0 else 0.0
+    F = np.mean(beside) / v / _UNLIKE if v > 0.0 else 0.0
     trembles = scipy.special.fdtrc(2.0 * dof.sum(), dof.sum(), F) < BEYOND
     lost = short @ [-2.0, 1.0, 1.0] / (2.0 * block * np.vecdot(x, x)) * trembles
     seen, ratios = own > 0.0, []
@@ -367,7 +369,7 @@ def rounding_left(rests: list[Array], step: Float[Array, "3"]) -> Float[Array, "
     counts = [len(rows) for rows in rests]
     blurs = np.average([rows.var(axis=0) for rows in rests], axis=0, weights=counts)
     blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
-    return np.asarray(step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs))
+    return step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs)
 
 
 def _scatter(
@@ -395,11 +397,11 @@ def _require_this_unit(
     parts = [samples[a:b] for a, b in intervals]
     if compass:
         spread = [part.var(axis=0, ddof=1) for part in parts if len(part) > 1]
-        here = float(np.sqrt(np.median(spread)))
+        here = np.sqrt(np.median(spread))
     else:
         steps = [np.diff(part, axis=0).var(axis=0) for part in parts]
-        here = float(np.sqrt(np.mean(steps) / 2.0))
-    there = float(np.sqrt(np.mean([axis.variances[0] for axis in axes])))
+        here = np.sqrt(np.mean(steps) / 2.0)
+    there = np.sqrt(np.mean([axis.variances[0] for axis in axes]))
     if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
         what = "reading of the magnetometer" if compass else "row"
         msg = (
@@ -413,7 +415,7 @@ def _require_this_unit(
 def _telling_rest(log: Log, intervals: Intervals) -> tuple[int, int]:
     # rows of the longest rest, if it shows what the means of the others scatter by
     start, stop = _longest(intervals)
-    median = np.median(intervals[:, 1] - intervals[:, 0])
+    median = np.median(interval_counts(intervals))
     least = max(LEAST_ROWS, int(np.ceil(SHOWS * median)))
     if stop - start < least:
         msg = (
@@ -444,7 +446,7 @@ def mean_noise(
 
 def _variances(axis: AxisNoise, seconds: Float[Array, " m"]) -> Float[Array, " m"]:
     if not axis.coefficients:
-        return np.array([axis.variance_at(float(t)) for t in seconds])
+        return np.array([axis.variance_at(t) for t in seconds])
     first, (shortest, *_, longest) = axis.seconds[axis.used[0]], axis.seconds
     measured = [axis.variance_at(t) for t in np.clip(seconds, shortest, longest)]
     law = axis.law(np.maximum(seconds, first))
@@ -466,7 +468,7 @@ def planned_noise(
         msg = "how long is each pose averaged? Give `--hold`"
         raise InputError(msg)
     hold = positive_number("hold", hold, "s")
-    longest = FARTHEST * float(known.accelerometer[0].seconds[-1])
+    longest = FARTHEST * known.accelerometer[0].seconds[-1]
     if hold > longest:
         msg = (
             f"{path} has averages over {longest / FARTHEST:.3g} s at most, "
@@ -475,13 +477,13 @@ def planned_noise(
             "or longer"
         )
         raise RefusedError(msg)
-    std = float(mean_noise(known.accelerometer, np.array([hold]))[0])
+    std = mean_noise(known.accelerometer, np.array([hold]))[0]
     if sensor is None:
         if known.si_per_raw is None:
             msg = f"{path} does not say what its unit is in m/s^2; give `--sensor` too"
             raise InputError(msg)
         return std * known.si_per_raw
-    scale = float(np.mean(np.diagonal(sensor.matrix)))
+    scale = np.mean(np.diagonal(sensor.matrix))
     if known.si_per_raw is not None and not 0.5 < scale / known.si_per_raw < 2.0:
         msg = (
             f"by the sensor one raw unit is {scale:.4g} m/s^2, but {path} says "

@@ -455,7 +455,6 @@ def _table(
         if found is None:
             rows.append((letter, "-" if axis.coefficients else "no model"))
             continue
-        seen = found.value is not None
         size = scale * (found.high if found.value is None else found.value)
         if found.low > 0.0 and not np.isfinite(size):  # of a correlation time
             rows.append((letter, f">{found.low:.4g}", "-"))
@@ -463,7 +462,7 @@ def _table(
         if not np.isfinite(size):
             rows.append((letter, "-", "-", " not seen, and not bounded either"))
             continue
-        mark = "" if seen else "<"
+        mark = "<" if found.value is None else ""
         ends = interval_words(scale * found.low, scale * found.high, 4)
         sd = f"{scale * found.sd:.2g}" if found.sd else "-"
         more = (f"{mark}{each.of(size, axis.rate_hz):.4g}" for each in further)

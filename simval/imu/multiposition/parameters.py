@@ -263,7 +263,7 @@ def _gyroscope(pilot: Autopilot, size: float, whole: Any, notes: _Notes) -> _Val
     percent = 100.0 * _left(size * np.linalg.inv(fit.M))
     notes.leave("gyroscope", "scales and misalignments are", percent, "% of a rate")
     if np.any(G):
-        felt = float(size * np.linalg.norm(G, 2) * whole.accelerometer.g)
+        felt = size * np.linalg.norm(G, 2) * whole.accelerometer.g
         notes.leave("gyroscope", "what it feels of forces is", felt, "rad/s at 1 g")
     return {"offset": size * fit.B}
 
@@ -274,7 +274,7 @@ def _magnetometer(pilot: Autopilot, size: float, whole: Any, notes: _Notes) -> _
         words = "its axes are left-handed, which no turn mends, so it is not in this "
         notes.say("magnetometer", f"{words}file; change the sign of one of its columns")
         return {}
-    M, strength = fit.M, float(np.cbrt(np.linalg.det(fit.M)))
+    M, strength = fit.M, np.cbrt(np.linalg.det(fit.M))
     if fit.field == 1.0 or not 1.0 / ONE < strength < ONE:  # 1 is: not stated
         M = fit.M / strength
         words = "the strength of the field was not stated in its unit (--field): the "
@@ -352,9 +352,12 @@ def _chain(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
             "Tw": factors.shape, "R_IMUtoGYRO": turn, "Ta": inverse,
             "R_IMUtoACC": np.eye(3), "Tg": G, "model": "kalibr",
         }  # fmt: skip
-    topic = _topic(log)
-    if not topic:
-        topic = "/imu0"
+    said = dict(log.source)
+    taken = re.match(r"/[\w/]+", said.get("instance", ""))
+    topic = "/imu0"
+    if taken and "/Imu" in said.get("readings", ""):  # a message of a bag
+        topic = taken[0]
+    else:
         notes.say("rostopic", f"not known from the log; {topic} stands for it")
     imu |= {"rostopic": topic, "time_offset": 0.0, "update_rate": log.rate}
     for sensor in SI:
@@ -366,13 +369,6 @@ def _chain(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
         words = "not all in m/s^2 and rad/s, which the project reads: the matrices are "
         notes.say("readings", f"{words}for messages in the units of the log")
     return list(yaml_lines({"imu0": imu}))
-
-
-def _topic(log: Log) -> str:
-    # of the accelerometer's messages, where the log came from a bag
-    said = dict(log.source)
-    taken = re.match(r"/[\w/]+", said.get("instance", ""))
-    return taken[0] if taken and "/Imu" in said.get("readings", "") else ""
 
 
 def _triple(values: Float[Array, "3"]) -> str:
@@ -432,7 +428,7 @@ def _warm(sensor: str, whole: Any) -> tuple[float, str]:
         model.correct(own.compensated(raw, np.full(len(raw), temperature))) - true
         for temperature in np.linspace(own.low, own.high, 9)
     ]
-    return float(np.max(np.linalg.norm(off, axis=-1))), unit
+    return np.max(np.linalg.norm(off, axis=-1)), unit
 
 
 WRITERS: Final = {

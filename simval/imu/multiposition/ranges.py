@@ -73,7 +73,7 @@ def _missed(
     sizes = np.array([[len(part)] for part in parts]) / rows_to_a_reading(samples)
     share = np.minimum(at_top, 1.0 - 0.5 / sizes)
     beyond = scipy.special.ndtr(scipy.special.ndtri(share) - steps / sigma)
-    return np.asarray(sizes * beyond)
+    return sizes * beyond
 
 
 def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
@@ -106,14 +106,14 @@ def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
 
 def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
     """Start and length of the longest stay at the largest reading; length 0: none."""
-    top = float(column.max())
+    top = column.max()
     edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
     starts, stops = edges[::2], edges[1::2]
-    step = float(np.diff(np.unique(column)).min())
+    step = np.diff(np.unique(column)).min()
     walled = np.pad(column, 1, constant_values=-np.inf)  # a log may begin at a rail
     kinked = np.maximum(walled[starts], walled[stops + 1]) < top - KINK * step
     lengths = np.where(kinked, stops - starts, 0)
-    k = int(np.argmax(lengths))
+    k = np.argmax(lengths)
     return (int(starts[k]), int(lengths[k])) if lengths[k] >= least else (0, 0)
 
 
@@ -126,9 +126,9 @@ def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
         With the ratio.
     """
     scales = np.linalg.norm(M, axis=0)
-    ratio = float(scales.max() / scales.min())
+    ratio = scales.max() / scales.min()
     if not ratio < SAME_UNIT:
-        low, high = AXES[int(scales.argmin())], AXES[int(scales.argmax())]
+        low, high = AXES[scales.argmin()], AXES[scales.argmax()]
         msg = (
             f"{log.path}: axis {high} of the {name} counts in units {ratio:.3g} "
             f"times those of axis {low}"

@@ -19,6 +19,7 @@ from simval.imu.calibrate.gravity import Gravity
 from simval.imu.calibrate.values import BARS
 from simval.imu.sensor import forms
 from simval.imu.sensor.readable import kinds_of, readable
+from simval.moments import deviations
 from simval.shapes import Float
 from simval.spelling import counted
 
@@ -63,7 +64,7 @@ def known_gravity_bound(whole: Any) -> Float[Array, "9"]:
     """Square root of the Cramer-Rao bound for a known gravity; NaN if not known."""
     if whole.predicted is None:
         return np.full(9, np.nan)
-    return np.sqrt(np.diagonal(whole.predicted.cramer_rao))
+    return deviations(whole.predicted.cramer_rao)
 
 
 def bound_sd(whole: Any) -> Float[Array, "9"]:
@@ -116,7 +117,7 @@ def gravity_words(fit: Any) -> str:
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return np.sqrt(np.mean(np.square(values)))
 
 
 def budget(whole: Any) -> Values:
@@ -124,7 +125,7 @@ def budget(whole: Any) -> Values:
     fit, found = whole.accelerometer, sources(whole)
     names = [name for name, _ in forms.entries(fit.model)]
     kinds = np.array(kinds_of(fit.model))
-    bars = readable(fit, fit.sd)
+    bars = readable(fit)
     sizes = np.array([bar for bar, _ in bars])
     worst = [
         int(np.argmax(np.where(kinds == kind, sizes, 0.0)))
@@ -221,7 +222,7 @@ def correlations(
     sensor: str, names: tuple[str, ...], covariance: Array, signs: Any = 1.0
 ) -> Values:
     """Correlation of each parameter of a sensor with those before it."""
-    sd = np.sqrt(np.diagonal(covariance))
+    sd = deviations(covariance)
     r = covariance / np.outer(sd, sd) * np.outer(*2 * [signs * np.ones(len(sd))])
     lines = [
         Line(name, "", [

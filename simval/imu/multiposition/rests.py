@@ -126,14 +126,30 @@ def _detection(
     initial = even.initial_rest(count, spread)
     if initial.found or white:
         limit = WHITE if white else 1.0 + SLOWEST_NOISE * even.rate
-        _require_noise(log, initial, even.wander(initial, spread), limit)
+        wander = even.wander(initial, spread)
+        if not wander <= limit:
+            msg = (
+                f"no initial rest found: the quietest part of the log, from "
+                f"{log.span((initial.start, initial.stop))}, still moves: its variance "
+                f"is {wander:.3g} times what it is from row to row, and a sensor at "
+                f"rest shows at most {limit:.3g}; record with rests, or state the "
+                "initial one (--rest SECONDS)"
+            )
+            raise RefusedError(msg)
     every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
     usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
     judged = ((m, *single_levels(even, own)) for m, own in _plateau(usable))
     levels = (_level(log, window, least, *at) for at in judged if len(at[1]) >= least)
     best = next(levels, None)
     if best is None:
-        raise _too_few(max(len(intervals) for _, intervals in every))
+        most = max(len(intervals) for _, intervals in every)
+        msg = (
+            f"at most {counted(most, 'static interval')} found, and a calibration "
+            f"needs {PARAMETERS} or more, each from a rest of two seconds or longer; "
+            "hold the sensor still in more poses, or state the initial rest (--rest "
+            "SECONDS) if it was found wrongly"
+        )
+        raise RefusedError(msg)
     return Detection(even.block, initial, best, levels)
 
 
@@ -184,24 +200,3 @@ def _plateau(usable: list[tuple[float, Intervals]]) -> list[tuple[float, Interva
     middle = (len(level) - 1) / 2
     order = sorted(range(len(level)), key=lambda k: abs(k - middle))
     return [level[k] for k in order]
-
-
-def _require_noise(log: Log, rest: Rest, wander: float, limit: float) -> None:
-    if not wander <= limit:
-        msg = (
-            f"no initial rest found: the quietest part of the log, from "
-            f"{log.span((rest.start, rest.stop))}, still moves: its variance "
-            f"is {wander:.3g} times what it is from row to row, "
-            f"and a sensor at rest shows at most {limit:.3g}; record with rests, or "
-            "state the initial one (--rest SECONDS)"
-        )
-        raise RefusedError(msg)
-
-
-def _too_few(most: int) -> RefusedError:
-    return RefusedError(
-        f"at most {counted(most, 'static interval')} found, and a calibration needs "
-        f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "
-        "sensor still in more poses, or state the initial rest (--rest SECONDS) if it "
-        "was found wrongly"
-    )

@@ -37,7 +37,7 @@ from simval.units import G0
 
 ORDERS: Final = axis_orders()
 RIGHT: Final = np.linalg.det(ORDERS) > 0.0
-SAME: Final = int(np.argmax(np.trace(ORDERS, axis1=1, axis2=2)))
+SAME: Final = int(np.argmax(np.linalg.trace(ORDERS)))
 
 
 class Seen(NamedTuple):
@@ -119,7 +119,7 @@ def seen_of(
 
 
 def _by_matrix(sensor: str, M: Float[Array, "3 3"]) -> Seen:
-    size = float(abs(np.linalg.det(M)) ** (1.0 / 3.0))
+    size = abs(np.linalg.det(M)) ** (1.0 / 3.0)
     off = ABOUT if sensor == "gyro" else NEAR[sensor][0]
     return Seen(
         size=size, low=size / off, high=size * off, near=off,
@@ -144,14 +144,14 @@ def _by_length(
 
 
 def _lengths(y: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    return np.asarray(np.linalg.norm(y, axis=1))
+    return np.linalg.norm(y, axis=1)
 
 
 def _distinct(y: Float[Array, "n 3"]) -> Float[Array, "m 3"]:
     # one reading of each pose: a long rest does not outweigh the others
     if len(y) < 2:
         return y
-    across = float(np.ptp(y, axis=0).max())
+    across = np.ptp(y, axis=0).max()
     if not across > 0.0:
         return y[:1]
     cells = np.round((y - y.min(axis=0)) / (_CELL * across))
@@ -164,7 +164,7 @@ def _spread(y: Float[Array, "n 3"]) -> float:
     if len(y) < 3 or not length.min() > 0.0:
         return 0.0
     u = y / length[:, None]
-    return float(np.linalg.svd(u - u.mean(axis=0))[1].min() / np.sqrt(len(y)))
+    return np.linalg.svd(u - u.mean(axis=0))[1].min() / np.sqrt(len(y))
 
 
 _NONE: Final[tuple[Array, Array]] = np.zeros(3), np.full(3, np.nan)
@@ -177,14 +177,12 @@ def _ellipsoid(
     # is no larger than noise
     least = max(least, _SMALL * float(np.median(_lengths(y))))
     y = _distinct(y)
-    scale = float(np.ptp(y, axis=0).max())
+    scale = np.ptp(y, axis=0).max()
     if len(y) < 6 or not scale > 0.0:
         return _NONE
     middle = y.mean(axis=0)
     x = (y - middle) / scale
-    a, b = np.linalg.lstsq(np.hstack([x * x, x]), np.ones(len(x)), rcond=None)[
-        0
-    ].reshape(2, 3)
+    a, b = np.linalg.lstsq(np.hstack([x * x, x]), np.ones(len(x)))[0].reshape(2, 3)
     if not np.all(a * a[0] > 0.0):
         return _NONE
     centre = -0.5 * b / a
@@ -203,10 +201,10 @@ def _order(force: Float[Array, "n 3"], field: Float[Array, "n 3"]) -> tuple[int,
     u, m = force / _lengths(force)[:, None], field / _lengths(field)[:, None]
     sine = np.einsum("ni,pij,nj->pn", u, ORDERS[RIGHT], m)
     variance, places = sine.var(axis=1), np.flatnonzero(RIGHT)
-    best, same = int(np.argmin(variance)), int(np.searchsorted(places, SAME))
+    best, same = np.argmin(variance), np.searchsorted(places, SAME)
     told = variance[best] < _ALIKE and variance[same] > _OTHER * variance[best]
     taken = best if told else same
-    return int(places[taken]), float(sine[taken].mean())
+    return int(places[taken]), sine[taken].mean()
 
 
 WINDOW: Final = 4.0  # s; a hand that goes 1 m/s leaves 0.03 rad
@@ -240,12 +238,12 @@ def _by_turns(
         M = size[..., None, None] * orders
         return np.min([_off(t[:, :pairs], force[:, :pairs], M) for t in turns], axis=0)
 
-    typical = float(np.median(np.linalg.norm(turns[0], axis=-1).sum(axis=(0, 2))))
+    typical = np.median(np.linalg.norm(turns[0], axis=-1).sum(axis=(0, 2)))
     ratio, same = _STEPS[-1], ORDERS[SAME]
     count = int(np.log(_MOST / _LEAST) / np.log(ratio))
     size = _LEAST / typical * ratio ** np.arange(count)
     off = off_of(size, same)
-    limit = WORSE * float(off.min()) + FLOOR
+    limit = WORSE * off.min() + FLOOR
     possible, orders = size[off <= limit], np.array([SAME])
     within = stated is None or off[0] <= limit
     within = within or possible.min() / SCALE <= stated <= possible.max() * SCALE
@@ -255,7 +253,7 @@ def _by_turns(
         about = coarse[first] * _STEPS[:, None]
         near = off_of(about, ORDERS)
         off = np.minimum(off, off_of(size, ORDERS[np.argmin(near.min(axis=0))]))
-        limit = WORSE * float(off.min()) + FLOOR
+        limit = WORSE * off.min() + FLOOR
         possible = np.concatenate([size[off <= limit], about[near <= limit]])
         orders = np.flatnonzero(near.min(axis=0) <= limit)
     if not off.min() <= GOOD:
@@ -317,7 +315,7 @@ def _off(
         for x in (one, two)
     )
     square = ((one - two) ** 2).sum(axis=-1).mean(axis=0)
-    return np.asarray(np.sqrt(0.5 * square).reshape(M.shape[:-2]))
+    return np.sqrt(0.5 * square).reshape(M.shape[:-2])
 
 
 def _turned(
@@ -325,4 +323,4 @@ def _turned(
 ) -> Float[Array, "... 3"]:
     # vectors in axes that have turned by p
     turn = scipy.spatial.transform.Rotation.from_rotvec(p.reshape(-1, 3))
-    return np.asarray(turn.apply(v.reshape(-1, 3), inverse=True).reshape(p.shape))
+    return turn.apply(v.reshape(-1, 3), inverse=True).reshape(p.shape)

@@ -55,7 +55,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import whole_number
-from simval.arrays import physical_array
+from simval.arrays import outer, physical_array
 from simval.errors import InputError
 from simval.imu.noise.components import KINDS, Component
 from simval.shapes import Float, Int
@@ -257,7 +257,7 @@ def allan_covariance(
     Array
         Unit of the readings to the fourth, (m, m) or (..., m, m).
     """
-    pairs = squares[..., :, None] * squares[..., None, :]
+    pairs = outer(squares, squares)
     every = pairs.reshape(-1, pairs.shape[-1] ** 2)
     flat = forms.reshape(*forms.shape[:-4], -1, every.shape[1])
     made = every @ flat.T if flat.ndim == 2 else flat @ every[..., None]

@@ -11,8 +11,8 @@ import numpy as np
 from simval.arguments import file_path, switch, whole_number
 from simval.arrays import (
     Array,
+    ReadOnly,
     finite_array,
-    frozen,
     nonnegative_number,
     positive_number,
 )
@@ -90,7 +90,7 @@ class SlowNoise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AxisNoise:
+class AxisNoise(ReadOnly):
     """Noise of one signal.
 
     Attributes
@@ -143,10 +143,6 @@ class AxisNoise:
     step: float
     slow: SlowNoise | None
     statements: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("variances", "variance_sd", "squares"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def seconds(self) -> Float[Array, " m"]:

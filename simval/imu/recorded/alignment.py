@@ -34,9 +34,9 @@ from typing import Final
 import numpy as np
 import scipy
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import GeometryError, InputError, RefusedError
-from simval.geometry import cross_matrix
+from simval.geometry import axial, cross_matrix
 from simval.imu.logs import Log, Truth
 from simval.imu.multiposition.log_units import units_of, written_unit
 from simval.imu.multiposition.rests import find_rests
@@ -148,7 +148,7 @@ STEEP: Final = 1e6  # condition of X'X beyond which an axis was not turned about
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TurnFit:
+class TurnFit(ReadOnly):
     """Least-squares solution of eq. (R3)."""
 
     offset: float  # s, at `middle`: what the truth's clock shows minus the log's
@@ -162,10 +162,6 @@ class TurnFit:
     used: Float[Array, " m"]  # middle of each stretch used, log's clock, s
     share: float  # of the variance of y that is left, 0 to 1
     converged: bool
-
-    def __post_init__(self) -> None:
-        for name in ("linear", "bias", "residuals", "rows", "instruments", "used"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def scale(self) -> float:
@@ -200,7 +196,7 @@ def fit_turns(
         _require_motion(x[good])
         y, T = stretches.turn[good], stretches.seconds[good]
         known = np.column_stack([x[good], T])
-        solution = np.linalg.lstsq(known, y, rcond=None)[0]
+        solution = np.linalg.lstsq(known, y)[0]
         linear = solution[:3].T
         residuals = y - known @ solution
         at = about[good] if drifts else None
@@ -240,7 +236,7 @@ def _change(
     )
     left, right = np.linalg.norm(Z, axis=0), np.linalg.norm(J, axis=0)
     change = np.linalg.lstsq(
-        (Z / left).T @ (J / right), -(Z / left).T @ residuals.ravel(), rcond=None
+        (Z / left).T @ (J / right), -(Z / left).T @ residuals.ravel()
     )[0]
     return change / right
 
@@ -315,8 +311,7 @@ def turn_errors(fit: TurnFit) -> TurnErrors:
         dL = np.zeros(9)
         dL[k] = 1.0
         D = Q.T @ dL.reshape(3, 3)
-        axial = np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
-        a = np.linalg.solve(np.trace(P) * np.eye(3) - P, axial)
+        a = np.linalg.solve(np.trace(P) * np.eye(3) - P, axial(D))
         turn[:, k] = Q @ a
         own[:, k] = (D - cross_matrix(a) @ P).ravel() / fit.scale
     nine = covariance[1:10, 1:10]
@@ -352,7 +347,7 @@ a filter would be that of the alignment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Alignment:
+class Alignment(ReadOnly):
     """Clock, axes and world of a truth, relative to its log.
 
     Attributes
@@ -388,10 +383,6 @@ class Alignment:
     world: World
     attitude: Float[Array, "n 4"]
     noise: Float[Array, "3"]
-
-    def __post_init__(self) -> None:
-        for name in ("rotation", "attitude", "noise"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def offset(self) -> Measured:

@@ -24,8 +24,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from simval.arrays import Array, frozen
-from simval.geometry import compose, conjugate
+from simval.arrays import Array, ReadOnly
+from simval.geometry import axial, compose, conjugate
 from simval.imu.logs.truth import Scalar
 from simval.shapes import Float, Int
 
@@ -60,16 +60,12 @@ def meanings(scalar: Scalar) -> tuple[Meaning, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Attitudes:
+class Attitudes(ReadOnly):
     """Attitudes world to body at recorded times, with holes."""
 
     time: Float[Array, " n"]  # s
     q: Float[Array, "n 4"]  # signs continuous
     step: float  # median between rows, s
-
-    def __post_init__(self) -> None:
-        for name in ("time", "q"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def at(self, wanted: Float[Array, " m"]) -> Float[Array, "m 4"]:
         """Attitudes at other times by a polynomial of six neighbours; NaN in holes.
@@ -140,7 +136,7 @@ def of_matrix(matrix: Float[Array, "3 3"]) -> Float[Array, "4"]:
     B = matrix
     K = np.empty((4, 4))
     K[:3, :3] = B + B.T - np.trace(B) * np.eye(3)
-    K[:3, 3] = K[3, :3] = (B[1, 2] - B[2, 1], B[2, 0] - B[0, 2], B[0, 1] - B[1, 0])
+    K[:3, 3] = K[3, :3] = axial(B.T)
     K[3, 3] = np.trace(B)
     q = np.linalg.eigh(K)[1][:, -1]
     return q if q[3] >= 0.0 else -q
@@ -174,17 +170,13 @@ order in it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stretches:
+class Stretches(ReadOnly):
     """Stretches of a log, and the turn in each by its gyroscope."""
 
     time: Float[Array, "m s"]  # of the attitudes in each, the two ends among them, s
     turn: Float[Array, "m 3"]  # sums y_j, raw units times s
     # rate at the end less that at the start, by the gyroscope, raw units
     change: Float[Array, "m 3"]
-
-    def __post_init__(self) -> None:
-        for name in ("time", "turn", "change"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def seconds(self) -> Float[Array, " m"]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from simval.account import Account, Fact, Told
+from simval.arrays import json_values
 from simval.imu.logs import Log, Truth
 from simval.imu.logs.rows import BEFORE
 from simval.imu.multiposition.description import log_object
@@ -88,7 +89,7 @@ class FilteredLog(Told):
             "gyro_rows": rows_object(found.evidence),
             "start": {"row": start.row, "attitude": start.attitude.tolist()},
             "told": {
-                each.name: plain(getattr(start.told, each.name))
+                each.name: json_values(getattr(start.told, each.name))
                 for each in fields(start.told)
             },
             "truth": truth,
@@ -224,29 +225,29 @@ def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
         "scalar": alignment.meaning.scalar,
         "takes": alignment.meaning.takes,
         "same": [[each.scalar, each.takes] for each in alignment.same],
-        "better": plain(alignment.better),
+        "better": json_values(alignment.better),
         "missing": 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0]))),
-        "noise": plain(alignment.noise),
+        "noise": json_values(alignment.noise),
         "offset": _measured(alignment.offset),
         "drift": _measured(alignment.drift),
         "axes": [_measured(each) for each in alignment.axes],
         "gyroscope": {
-            "linear": plain(fit.linear),
-            "own_sd": plain(errors.own),
-            "bias": plain(fit.bias),
-            "bias_sd": plain(errors.bias),
+            "linear": json_values(fit.linear),
+            "own_sd": json_values(errors.own),
+            "bias": json_values(fit.bias),
+            "bias_sd": json_values(errors.bias),
             "unexplained": fit.share,
         },
         "world": {
-            "matrix": plain(world.matrix),
-            "tilt_sd": plain(world.tilt_sd),
-            "tilt_half": plain(world.half("tilt")),
-            "heading_sd": plain(world.heading_sd),
-            "heading_half": plain(world.half("heading")),
+            "matrix": json_values(world.matrix),
+            "tilt_sd": json_values(world.tilt_sd),
+            "tilt_half": json_values(world.half("tilt")),
+            "heading_sd": json_values(world.heading_sd),
+            "heading_half": json_values(world.half("heading")),
             "rests": world.rests,
             "name": world.name or None,
-            "off": plain(world.off),
-            "heading_deviation": plain(world.deviation),
+            "off": json_values(world.off),
+            "heading_deviation": json_values(world.deviation),
             "taken": world.taken,
         },
     }
@@ -265,19 +266,21 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
         "rows": len(each.run.output.kept),
         "microseconds": each.microseconds,
         "at_rest": {
-            "heading_drift": plain(each.at_rest.drift),
-            "inclination": plain(each.at_rest.inclination),
+            "heading_drift": json_values(each.at_rest.drift),
+            "inclination": json_values(each.at_rest.inclination),
             "rests": each.at_rest.rests,
             "settled_rests": each.at_rest.settled,
         },
         "nis": _consistency(each.nis),
-        "innovation_correlation": None if each.white is None else plain(each.white),
+        "innovation_correlation": None
+        if each.white is None
+        else json_values(each.white),
     }
     if each.truth is not None:
         found |= {
             "rms": {
                 part: {
-                    name: {"value": plain(rms.value), "sd": plain(rms.sd)}
+                    name: {"value": json_values(rms.value), "sd": json_values(rms.sd)}
                     for name, rms in own.items()
                 }
                 for part, own in each.truth.rms.items()
@@ -289,7 +292,7 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
                 )
             ],
             "rows_with_truth": len(each.truth.errors.time),
-            "converged_after": plain(each.truth.settled),
+            "converged_after": json_values(each.truth.settled),
             "nees": _consistency(each.truth.nees),
             "heading_free": each.truth.free,
             "nees_of_drift": _consistency(each.truth.drift),
@@ -299,7 +302,7 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
         found["as_published"] = [
             {
                 "step": step.words,
-                "rms": {name: plain(rms.value) for name, rms in step.rms.items()},
+                "rms": {name: json_values(rms.value) for name, rms in step.rms.items()},
                 "rows": next(iter(step.rms.values())).rows,
             }
             for step in each.published
@@ -314,17 +317,7 @@ def _consistency(each: NormalisedSquare | None) -> dict[str, Any] | None:
 
 
 def _plain(each: NormalisedSquare | RowCentre) -> dict[str, Any]:
-    return {name: plain(value) for name, value in asdict(each).items()}
-
-
-def plain(value: Any) -> Any:
-    """Numbers as JSON has them, null for what is not finite."""
-    if isinstance(value, str):
-        return value
-    array = np.asarray(value)
-    if array.ndim:
-        return [plain(each) for each in array]
-    return array.item() if np.isfinite(array) else None
+    return {name: json_values(value) for name, value in asdict(each).items()}
 
 
 def rows_object(evidence: RowEvidence | None) -> dict[str, Any] | None:
@@ -341,5 +334,5 @@ def rows_object(evidence: RowEvidence | None) -> dict[str, Any] | None:
         "remedy": None if remedy is None else asdict(remedy),
         "magnetometer": None
         if compass is None
-        else _plain(compass) | {"late": plain(evidence.lateness)},
+        else _plain(compass) | {"late": json_values(evidence.lateness)},
     }

@@ -36,7 +36,7 @@ from typing import Final, Literal
 import numpy as np
 import scipy
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.consistency import (
     heading_and_inclination,
     normalised_squares,
@@ -118,7 +118,7 @@ FEWEST: Final = 30  # rows of which an RMS is given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Errors:
+class Errors(ReadOnly):
     """Errors at the rows that have a truth."""
 
     time: Float[Array, " k"]  # s
@@ -127,10 +127,6 @@ class Errors:
     heading: Float[Array, " k"]  # rad, positive from north to west
     inclination: Float[Array, " k"]  # rad, 0 to pi
     rest: Bool[np.ndarray, " k"]
-
-    def __post_init__(self) -> None:
-        for name in ("time", "body", "total", "heading", "inclination"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -36,7 +36,6 @@ FREE: Final = (
 LOOSE: Final = 2.0
 """Times what is stated from which an interval that holds it is too wide to say so."""
 PUBLISHED: Final = "BROAD: Laidig, Caruso, Cereatti, Seel, Data 6(7), 2021"
-_NONE: Final[Mapping[str, str]] = MappingProxyType({})
 
 
 # ---- judgements
@@ -284,7 +283,7 @@ def ranking(done: Iterable[Any]) -> Ranking | None:
 
 def filters_account(
     done: Sequence[Any],
-    failed: Mapping[str, str] = _NONE,
+    failed: Mapping[str, str] = MappingProxyType({}),
     facts: Iterable[Fact] = (),
     quaternions: Sequence[str] = (),
     *,

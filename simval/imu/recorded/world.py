@@ -19,7 +19,7 @@ from typing import Final, Literal
 import numpy as np
 import scipy
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import GeometryError, RefusedError
 from simval.geometry import FRAME_AXES, FRAMES, Frame
 from simval.imu.recorded.attitudes import of_matrix, rotated, rotation_vector
@@ -43,7 +43,7 @@ WorldSource = Literal["stated", "standard", "nearest", "estimated"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class World:
+class World(ReadOnly):
     """The turn from north-west-up to the truth's world, and how well it is known.
 
     Attributes
@@ -80,10 +80,6 @@ class World:
     name: str
     off: Float[Array, "3"]
     taken: WorldSource = "estimated"
-
-    def __post_init__(self) -> None:
-        for name in ("matrix", "off"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def covariance(self) -> Float[Array, "3 3"]:

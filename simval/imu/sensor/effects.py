@@ -47,6 +47,7 @@ from numpy.typing import NDArray
 from simval.arguments import instance, whole_number
 from simval.arrays import (
     Array,
+    ReadOnly,
     frozen,
     nonnegative_number,
     physical_array,
@@ -449,7 +450,7 @@ class MagnetometerEffects(Electronics):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Readings:
+class Readings(ReadOnly):
     """Raw readings, with the true size of every effect in them.
 
     Attributes
@@ -480,13 +481,6 @@ class Readings:
     noise_raw: Float[Array, "n 3"]
     out_of_range: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
-
-    def __post_init__(self) -> None:
-        for name in (
-            "raw", "vibration_m_s2", "bias_walk_raw", "flicker_raw", "drift_raw",
-            "noise_raw",
-        ):  # fmt: skip
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def delayed(

@@ -43,13 +43,13 @@ from simval.arguments import choice
 from simval.arrays import (
     GREATEST,
     Array,
+    ReadOnly,
     finite_array,
-    frozen,
     physical_array,
     shaped_array,
 )
 from simval.errors import InputError
-from simval.geometry import cross_matrix
+from simval.geometry import axial, cross_matrix
 from simval.shapes import Float, Inexact
 from simval.vocabulary import Model
 
@@ -347,7 +347,7 @@ _AXES = "xyz"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopeFactors:
+class GyroscopeFactors(ReadOnly):
     """A gyroscope's matrix in two factors.
 
     Attributes
@@ -372,10 +372,6 @@ class GyroscopeFactors:
     names: tuple[str, ...]
     values: Float[Array, "9"]
     covariance: Float[Array, "9 9"]
-
-    def __post_init__(self) -> None:
-        for name in ("shape", "rest", "values", "covariance"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def sd(self) -> Float[Array, "9"]:
@@ -471,9 +467,7 @@ def _polar(M: Float[Array, "3 3"]) -> _Made:
     P = C @ S @ C.T
 
     def derivative(dM: Array) -> tuple[Array, Array]:
-        X = dM @ C.T
-        axial = np.array([X[2, 1] - X[1, 2], X[0, 2] - X[2, 0], X[1, 0] - X[0, 1]])
-        turn = np.linalg.solve(np.trace(P) * np.eye(3) - P, axial)
+        turn = np.linalg.solve(np.trace(P) * np.eye(3) - P, axial(dM @ C.T))
         return C.T @ (dM - cross_matrix(turn) @ M), turn
 
     return _turned("S", S, C, _SYMMETRIC, derivative)

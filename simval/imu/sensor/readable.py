@@ -12,7 +12,6 @@ import numpy as np
 from simval.account import Line, Quantity, Values, in_thousands
 from simval.arrays import Array
 from simval.imu.sensor import forms
-from simval.shapes import Float
 from simval.spelling import rounded
 from simval.units import (
     MILLIMETRE_PER_SECOND_SQUARED,
@@ -42,7 +41,7 @@ def kinds_of(model: str) -> tuple[str, ...]:
     return _SYMMETRIC if model == "symmetric" else _SCALES_LATER
 
 
-def readable(fit: Any, sd: Float[Array, "9"]) -> list[tuple[float, Unit]]:
+def readable(fit: Any) -> list[tuple[float, Unit]]:
     """Error bars of the nine parameters in the units of `KINDS`.
 
     A scale factor's is relative, a bias' is of the force that it stands for, and that
@@ -58,7 +57,7 @@ def readable(fit: Any, sd: Float[Array, "9"]) -> list[tuple[float, Unit]]:
     per_unit[kinds == "bias"] = gain
     return [
         (float(each * size * KINDS[kind].factor), KINDS[kind])
-        for kind, size, each in zip(kinds.tolist(), per_unit, sd, strict=True)
+        for kind, size, each in zip(kinds.tolist(), per_unit, fit.sd, strict=True)
     ]
 
 
@@ -66,7 +65,7 @@ def greatest(fit: Any) -> dict[str, float]:
     """Largest error bar of each kind, in the units of `KINDS`."""
     bars = [
         (kind, *bar)
-        for kind, bar in zip(kinds_of(fit.model), readable(fit, fit.sd), strict=True)
+        for kind, bar in zip(kinds_of(fit.model), readable(fit), strict=True)
     ]
     return {kind: max(bar for own, bar, _ in bars if own == kind) for kind in KINDS}
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from simval.arguments import MOST, whole_number
 from simval.arrays import (
     Array,
+    ReadOnly,
     finite_array,
-    frozen,
     physical_array,
     real_number,
     shaped_array,
@@ -374,7 +374,7 @@ def runs_of(flag: NDArray[np.bool_]) -> Intervals:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EvenLog:
+class EvenLog(ReadOnly):
     """Readings resampled to even steps of time, called ticks."""
 
     samples: Float[Array, "n 3"]  # mean reading of each tick
@@ -384,9 +384,6 @@ class EvenLog:
     block: int  # rows to a tick
     window: int  # ticks in a window of the detector, odd
     minimum: int  # least number of ticks of an interval
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "samples", frozen(self.samples))
 
     def rows(self, intervals: Intervals) -> Intervals:
         """Rows of the log in intervals of ticks."""

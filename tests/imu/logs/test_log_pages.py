@@ -154,7 +154,7 @@ def test_an_error_bar_is_the_change_of_what_it_corrects(model):
     fit = calibrate(raw + rng.normal(size=raw.shape), 9.80665, model=model)
     # the reading of 1 m/s^2 on each axis
     reading = np.linalg.solve(fit.matrix, np.ones(3)) + fit.B
-    for k, (bar, unit) in enumerate(readable(fit, fit.sd)):
+    for k, (bar, unit) in enumerate(readable(fit)):
         moved = np.array(fit.parameters)
         moved[k] += fit.sd[k]
         matrix = forms.matrix(model, moved)

@@ -57,16 +57,16 @@ def choose_bias(
     rests: Rests, walk: Float[Array, "3"], drift: float | None
 ) -> tuple[Bias, float, str]:
     """Choose a model of the bias; return it with the walk K used, and the reason."""
-    N2 = float((walk**2).mean())
+    N2 = (walk**2).mean()
     K = walk_of(rests, np.ones((len(rests.times), 1)))[1] if drift is None else drift
     w = rests.seconds / rests.seconds.sum()
     middle = 0.5 * (rests.times[rests.after] + rests.times[rests.before])
     away = np.diagonal(walk_covariance(middle, w, rests.times))
     T2 = rests.rotation_seconds**2
-    constant = float(np.mean(T2 * (N2 / rests.seconds.sum() + K * K * away)))
+    constant = np.mean(T2 * (N2 / rests.seconds.sum() + K * K * away))
     each = 1.0 / rests.seconds
     pairs = 0.25 * (each[rests.after] + each[rests.before])
-    line = float(np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0))
+    line = np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0)
     odds = walk_odds(rests, walk, drift) if len(rests.times) > 2 else -np.inf
     needed = ODDS if drift is None else 1.0 / ODDS
     walks = odds > np.log(needed)
@@ -95,16 +95,16 @@ def walk_of(rests: Rests, X: Float[Array, "n p"]) -> tuple[float, float]:
     times = rests.times - rests.times[0]
     white = Z.T @ np.diag(1.0 / rests.seconds) @ Z
     walk = Z.T @ np.minimum(times[:, None], times) @ Z
-    unit = float(np.trace(white) / np.trace(walk))
+    unit = np.trace(white) / np.trace(walk)
     best = (-np.inf, 0.0, 0.0)
     for share in (0.0, *np.geomspace(1e-3, 1e3, _SHARES)):
         L = np.linalg.cholesky(white + share * unit * walk)
-        square = float((np.linalg.solve(L, y) ** 2).mean())
+        square = (np.linalg.solve(L, y) ** 2).mean()
         if not square > 0.0:
             return 0.0, 0.0
         likely = -0.5 * y.size * np.log(square) - 3.0 * np.log(L.diagonal()).sum()
-        best = max(best, (float(likely), square, share * unit * square))
-    return float(np.sqrt(best[1])), float(np.sqrt(best[2]))
+        best = max(best, (likely, square, share * unit * square))
+    return np.sqrt(best[1]), np.sqrt(best[2])
 
 
 MOVES: Final = 1e-3
@@ -147,7 +147,7 @@ def choose_sensitivity(
     `powers` of the temperature are fitted beside it, and come before it in `shape`.
     """
     n = len(force)
-    g = float(np.linalg.norm(force, axis=1).mean())
+    g = np.linalg.norm(force, axis=1).mean()
     warm = np.zeros((n, 0)) if powers is None else powers
     lead = 1 + warm.shape[1]
     X = np.column_stack([np.ones(n), warm, force / g])
@@ -162,7 +162,7 @@ def choose_sensitivity(
     if not (found.kept if asked is None else asked):
         return _none(found.reason)
     scale = np.diag([1.0] * lead + [1.0 / g] * 3)
-    each = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+    each = np.sqrt(np.linalg.diagonal(found.covariance))
     return Sensitivity(
         kept=True,
         G=found.coefficients[lead:].T / g,
@@ -200,8 +200,8 @@ def bias_terms(
     none = BiasTerms(None, "", np.zeros((4, 4)), np.zeros((n, 0)), np.zeros((0, 0)))
     if temperature is None:
         return none
-    warm = physical_array("temperature", temperature, (len(np.asarray(time)),))
-    seen = RestTemperatures.of(warm, np.asarray(time, dtype=float), intervals)
+    warm = physical_array("temperature", temperature, (len(time),))
+    seen = RestTemperatures.of(warm, time, intervals)
     none = none._replace(seen=seen, temperature=warm)
     if seen.span < seen.least_span or n - 5 < LEAST_LEFT:
         need = (
@@ -210,10 +210,10 @@ def bias_terms(
         said = seen.not_modelled(need)
         return none._replace(reason=said and f"gyroscope: {said}")
     g, size = np.linalg.norm(force, axis=1).mean(), np.abs(seen.powers).max(axis=0)
-    steady = np.column_stack([np.ones(n), force / g])
+    steady, columns = np.column_stack([np.ones(n), force / g]), seen.powers / size
     kept, fit = 0, None
     for degree in (1, 2):
-        X = np.column_stack([steady, (seen.powers / size)[:, :degree]])
+        X = np.column_stack([steady, columns[:, :degree]])
         if n - X.shape[1] < LEAST_LEFT or np.linalg.cond(X) > 1.0 / _COPLANAR:
             break
         tried = effect(rests, X[:, :-1], X[:, -1:], walk, drift)
@@ -224,7 +224,7 @@ def bias_terms(
         why = f"the odds of a term are below {ODDS:g}"
         return none._replace(reason=f"gyroscope: {seen.not_modelled(why)}")
     own, unit = np.r_[0, 4 : 4 + kept], np.r_[1.0, size[:kept]]
-    X = np.column_stack([steady, (seen.powers / size)[:, :kept]])
+    X = np.column_stack([steady, columns[:, :kept]])
     shape = _shape(rests, X, walk, drift)[np.ix_(own, own)] / np.outer(unit, unit)
     each = fit.covariance[:, 4:, 4:] / np.outer(size[:kept], size[:kept])
     covariance = np.einsum("ajk,ab->jakb", each, np.eye(3))
@@ -250,7 +250,7 @@ def _shape(
 ) -> Float[Array, "p p"]:
     # covariance of coefficients over N^2, by one walk of all axes
     white = _whitening(rests, X, walk, drift) @ X
-    return np.asarray(np.linalg.inv(white.T @ white))
+    return np.linalg.inv(white.T @ white)
 
 
 def _whitening(
@@ -258,14 +258,14 @@ def _whitening(
 ) -> Float[Array, "n n"]:
     # inverse root of the rests' covariance over N^2; what forces would explain is no
     # drift
-    N2 = max(float((walk**2).mean()), np.finfo(float).tiny)
+    N2 = max((walk**2).mean(), np.finfo(float).tiny)
     if drift is None:
         scatter, drift = walk_of(rests, X)
         N2 = max(N2, scatter**2)
     times = rests.times - rests.times[0]
     walked = np.minimum(times[:, None], times)
     S = np.diag(1.0 / rests.seconds) + drift**2 / N2 * walked
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(S)))
+    return np.linalg.inv(np.linalg.cholesky(S))
 
 
 def _none(reason: str) -> Sensitivity:

@@ -17,7 +17,7 @@ from typing import Any, Final, get_args
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
@@ -65,13 +65,11 @@ def relative_rows(
     return (by_matrix @ M.T).reshape(-1, MATRIX)
 
 
-def worst_sd(
-    covariance: Float[Array, "9 9"], M: Float[Array, "3 3"]
-) -> tuple[float, Float[Array, "3 3"]]:
-    """Largest standard deviation of a relative error of length 1, and that error."""
+def worst_sd(covariance: Float[Array, "9 9"], M: Float[Array, "3 3"]) -> float:
+    """Largest standard deviation of a relative error of length 1."""
     to_relative = np.kron(np.eye(3), np.linalg.inv(M).T)
-    values, vectors = np.linalg.eigh(to_relative @ covariance @ to_relative.T)
-    return float(np.sqrt(values[-1])), vectors[:, -1].reshape(3, 3)
+    values, _ = np.linalg.eigh(to_relative @ covariance @ to_relative.T)
+    return np.sqrt(values[-1])
 
 
 def require_told(
@@ -155,8 +153,8 @@ def fit_gyroscope(
     result = _numbers(problem, solution, theta, dof)
     if single:
         M, told = result["parameters"][0, :A].reshape(3, 3), result["covariance"][0]
-        rows, (sd, _) = solution.here.whole[0], worst_sd(told[A : 2 * A, A : 2 * A], M)
-        require_told(relative_rows(rows, M), u[0], sd)
+        sd = worst_sd(told[A : 2 * A, A : 2 * A], M)
+        require_told(relative_rows(solution.here.whole[0], M), u[0], sd)
     status = np.where(solution.converged, "converged", "max iterations").astype(object)
     for k in np.flatnonzero(~good):
         status[k] = f"refused: {refusals[k]}"
@@ -202,13 +200,13 @@ def _numbers(
     last = np.arange(free, 21)
     covariance[:, last, last] = turns.noise.bias_std[: len(last)] ** 2
     if isinstance(sensor, HeldAccelerometer):
-        own, error = solution.theta, np.swapaxes(sensor.error, -1, -2)
+        own, error = solution.theta, sensor.error.mT
         inner, by_noise, chi2 = here.sandwich()
         cross = by_noise @ error
         covariance[:, :A, :A] = sensor.error @ error
         covariance[:, A:free, A:free] = inner
         covariance[:, A:free, :A] = cross
-        covariance[:, :A, A:free] = np.swapaxes(cross, -1, -2)
+        covariance[:, :A, A:free] = cross.mT
     else:
         theta, own = solution.theta[:, :A], solution.theta[:, A:]
         covariance[:, :free, :free], chi2 = here.covariance()[0], here.chi_square
@@ -263,22 +261,21 @@ def _judged(
     off = np.sqrt((e * e).mean(axis=1))
     condition, found = np.full(len(u), np.inf), list[GeometryError | None]()
     for i, each in enumerate(J):
-        why = None
         try:
             condition[i] = require_told(relative_rows(each, M[i]), u[i]).condition
+            if not off[i] <= _FAR:
+                words = (
+                    f"the rotations end {off[i]:.2g} rad (rms) from where gravity is, "
+                    "whatever the scale and the order of the axes"
+                )
+                do = (
+                    "look at the time of both sensors, at saturation, and whether the "
+                    "columns are what they are taken for"
+                )
+                raise GeometryError(words, do, rms_rad=float(off[i]))
+            found.append(None)
         except GeometryError as refusal:
-            why = refusal
-        if why is None and not off[i] <= _FAR:
-            words = (
-                f"the rotations end {off[i]:.2g} rad (rms) from where gravity is, "
-                "whatever the scale and the order of the axes"
-            )
-            do = (
-                "look at the time of both sensors, at saturation, and whether the "
-                "columns are what they are taken for"
-            )
-            why = GeometryError(words, do, rms_rad=float(off[i]))
-        found.append(why)
+            found.append(refusal)
     return found, condition
 
 
@@ -296,7 +293,7 @@ def first_matrix(
 ) -> Float[Array, "3 3"]:
     """The best starting matrix among scaled orders of the axes."""
     way = np.sqrt((statistics[:, :3] ** 2).sum(axis=1)).sum(axis=1)
-    typical = float(np.median(way))
+    typical = np.median(way)
     size = max(1, statistics.shape[-1] // _ENOUGH)
     statistics = merged(statistics[None], 2 ** int(np.log2(size)))[0]
     if not typical > 0.0:
@@ -318,17 +315,13 @@ def _costs(
     statistics: Array, u: Array, before: Any, guesses: Array
 ) -> Float[Array, " m"]:
     # root mean square of the rows, rad
-    E = across(u[None, before + 1])[0]
+    E = across(u[None, before + 1])
     size = max(1, _CHUNKS // (statistics.shape[0] * statistics.shape[2]))
     parts = []
     for i in range(0, len(guesses), size):
         some = guesses[i : i + size]
         C = final_rotations(statistics[None], some, np.zeros((len(some), 3)))
-        m = len(some)
-        e = inter_rest_residuals(
-            C, np.broadcast_to(u, (m, *u.shape)), np.broadcast_to(E, (m, *E.shape)),
-            before,
-        )  # fmt: skip
+        e = inter_rest_residuals(C, u[None], E, before)
         parts.append(np.sqrt((e * e).mean(axis=-1)))
     return np.concatenate(parts)
 
@@ -360,7 +353,7 @@ def approach(
         for _ in range(_MOST_PLAIN):
             here, E = u[active], across(u[active][:, before + 1])
             moved = rotations(statistics, M[active], B[active])
-            EC = E @ np.swapaxes(moved.C, -1, -2)
+            EC = E @ moved.C.mT
             slopes = np.cross(EC, here[:, before, None, :]) @ moved.slopes
             J[active] = slopes.reshape(len(here), -1, 12)
             e[active] = inter_rest_residuals(moved.C, here, E, before)
@@ -398,9 +391,9 @@ def influence(
     rows = d * root[..., None]
     size = np.sqrt((rows * rows).sum(axis=1, keepdims=True))
     Q, R = np.linalg.qr(rows / size)
-    pull = (Q * root[..., None])[..., None, :] * noise[..., :, None]  # t n 3 9
-    flat = np.swapaxes(pull.reshape(len(root), -1, A), -1, -2)
-    return -np.linalg.solve(R, flat) / np.swapaxes(size, -1, -2)
+    pull = outer(noise, Q * root[..., None])  # t n 3 9
+    flat = pull.reshape(len(root), -1, A).mT
+    return -np.linalg.solve(R, flat) / size.mT
 
 
 def drift(problem: Problem, found: JointSolution, noise: NoiseFactors) -> Drift:
@@ -420,4 +413,4 @@ def drift(problem: Problem, found: JointSolution, noise: NoiseFactors) -> Drift:
             whole = np.pad(column, (0, len(time) - len(column)))
             columns[f"the {what} of {axis}"] = whole
     r, J = (np.linalg.solve(white, x) for x in (here.rows[0], here.slopes[0]))
-    return find_drift(r, J, columns, time, known=bool(noise.borne), white=white)
+    return find_drift(r, J, columns, time, known=noise.borne, white=white)

@@ -59,7 +59,7 @@ class GyroscopeNoise(NamedTuple):
 
 def floored(std: Float[Array, "... n a"], readings: Array) -> Float[Array, "... n a"]:
     """Noise of readings, but at least their rounding."""
-    return np.maximum(std, _FLOOR * float(np.sqrt((readings**2).mean())))
+    return np.maximum(std, _FLOOR * np.sqrt((readings**2).mean()))
 
 
 def noise_of(recording: Recording, *, kept: bool = False) -> GyroscopeNoise:
@@ -81,7 +81,7 @@ def noise_of(recording: Recording, *, kept: bool = False) -> GyroscopeNoise:
     value = np.einsum("n,tni->ti", w, inter_rest.rest_rates) - inter_rest.centre
     if recording.known_bias is not None:
         value = recording.known_bias - inter_rest.centre
-    std = N * np.sqrt(float(np.sum(w * w / seconds)))
+    std = N * np.sqrt(np.sum(w * w / seconds))
     if recording.bias_std is not None:
         std = np.maximum(recording.bias_std, std)
     known = bias == "first rest" or (bias == "constant" and kept)

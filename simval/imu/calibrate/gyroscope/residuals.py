@@ -30,7 +30,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.equations import Between, Corrected, Variances
+from simval.imu.calibrate.equations import Between, Corrected, Variances, spread
 from simval.imu.calibrate.goodness_of_fit import Beside
 from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
 from simval.imu.calibrate.gyroscope.result import NAMES
@@ -59,19 +59,22 @@ def across(u: Float[Array, "t k 3"]) -> Float[Array, "t k 2 3"]:
 
 def _unit(v: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
     # without a check: a trial that has gone astray is NaN, and its neighbours are not
-    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 def inter_rest_residuals(
     C: Float[Array, "t k 3 3"],
-    u: Float[Array, "t n 3"],
-    E: Float[Array, "t k 2 3"],
+    u: Float[Array, "s n 3"],
+    E: Float[Array, "s k 2 3"],
     before: Int[np.ndarray, " k"],
 ) -> Float[Array, "t r"]:
-    """Residuals (N5): gravity after each rotation, against the rest that follows."""
+    """Residuals (N5): gravity after each rotation, against the rest that follows.
+
+    Directions may be one set for all trials.
+    """
     arrived = (u[:, before, None, :] @ C)[..., 0, :]  # C'u
     e = (E @ (arrived - u[:, before + 1])[..., None])[..., 0]
-    return e.reshape(len(u), -1)
+    return e.reshape(len(C), -1)
 
 
 class Linearised(NamedTuple):
@@ -131,7 +134,8 @@ class InterRest:
     def errors(self, at: dict[str, Corrected], theta: Array) -> tuple[Beside, ...]:
         """Possible errors beyond the noise, each of variance 1, in the rows."""
         none = replace(self, noise=self.noise.none, hold=0.0, change=0.0)
-        (w, v), E = self._compared(at), self._axes(at)
+        w, v = self._compared(at)
+        E = self._axes(v)
         made, _ = self._linearised(w, v, E, theta)
         V = [
             each._noise(made, v, E)[0]
@@ -168,7 +172,8 @@ class InterRest:
 
     def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
         """Residuals linearised by eq. (N6), then the bias in units of the rate."""
-        (w, v), E = self._compared(at), self._axes(at)
+        w, v = self._compared(at)
+        E = self._axes(v)
         made, EC = self._linearised(w, v, E, theta)
         V, whole, (t, k, a, _) = self._noise(made, v, E), made.by_gyroscope, E.shape
         e, ends = made.e, V.shape[1] - k * a
@@ -183,9 +188,13 @@ class InterRest:
             if name == "accelerometer":  # whose direction is compared
                 length = np.linalg.norm(at[name].w, axis=-1)[..., None, None]
                 u = at[name].w[..., None, :] / length
-                flat = (np.eye(3) - np.swapaxes(u, -1, -2) * u) / length
+                flat = (np.eye(3) - u.mT * u) / length
                 first, last = first @ flat[:, before], last @ flat[:, before + 1]
-            by[name] = _pulled(at[name], first, last, self.inter_rest, ends)
+            start, from_start = at[name].pull(first, before)
+            end, from_end = at[name].pull(last, before + 1)
+            J = np.zeros((t, k * a + ends, start.shape[-1]))
+            J[:, : k * a] = (start + end).reshape(t, k * a, -1)
+            by[name] = J, _at_rests(self.inter_rest, from_start, from_end, ends)
         if ends:
             own[:, -3:, 9:] = np.eye(3) / self.rate[:, None]
             off = self.split(theta)[1] - self.noise.bias_value
@@ -197,7 +206,7 @@ class InterRest:
     ) -> tuple[Linearised, Float[Array, "t k a 3"]]:
         # and the axes of the end, turned to the start
         moved = rotations(self.inter_rest.statistics, *self.split(theta))
-        EC = E @ np.swapaxes(moved.C, -1, -2)
+        EC = E @ moved.C.mT
         by_angle = np.cross(EC, w)
         t, k, a, _ = E.shape
         e = (np.vecdot(EC, w) - np.vecdot(E, v)).reshape(t, k * a)
@@ -211,10 +220,10 @@ class InterRest:
         if self.hold > 0.0:
             L = _at_rests(self.inter_rest, -made.by_angle, np.cross(E, v), ends)
             L = L.reshape(t, k * a + ends, -1)
-            V += self.hold * (L @ np.swapaxes(L, -1, -2))
+            V += self.hold * (L @ L.mT)
         if self.change > 0.0:
             L = change_noise(made, self.inter_rest)
-            V[:, : k * a, : k * a] += self.change * (L @ np.swapaxes(L, -1, -2))
+            V[:, : k * a, : k * a] += self.change * (L @ L.mT)
         if ends:
             V[:, -3:] /= self.rate[:, None]
             V[:, :, -3:] /= self.rate[:, None]
@@ -227,7 +236,7 @@ class InterRest:
         M, B = self.split(theta)
         C = final_rotations(self.inter_rest.statistics, M, B)
         w, v = self._compared(at)
-        EC = here @ np.swapaxes(C, -1, -2)
+        EC = here @ C.mT
         e = np.vecdot(EC, w) - np.vecdot(here, v)
         parts = [e.reshape(len(e), -1)]
         if self.size == 12:
@@ -241,7 +250,7 @@ class InterRest:
         before = self.inter_rest.before
         turned = (u[:, before, None] @ C)[:, :, 0]
         sine = np.linalg.norm(np.cross(turned, u[:, before + 1]), axis=-1)
-        return np.asarray(np.arcsin(np.minimum(sine, 1.0)))
+        return np.arcsin(np.minimum(sine, 1.0))
 
     def _compared(
         self, at: dict[str, Corrected]
@@ -252,27 +261,13 @@ class InterRest:
         w, before = np.stack([u, u, *field], axis=2), self.inter_rest.before
         return w[:, before], w[:, before + 1]
 
-    def _axes(self, at: dict[str, Corrected]) -> Float[Array, "t k a 3"]:
-        w = self._compared(at)[1]
-        E = across(w[:, :, 0])
+    def _axes(self, v: Array) -> Float[Array, "t k a 3"]:
+        # in which the vectors after a rotation are compared
+        E = across(v[:, :, 0])
         if self.each == 3:
-            sideways = _unit(np.cross(w[:, :, 0], w[:, :, 2]))
+            sideways = _unit(np.cross(v[:, :, 0], v[:, :, 2]))
             E = np.concatenate([E, sideways[:, :, None]], axis=2)
         return E
-
-
-def _pulled(
-    at: Corrected, first: Float[Array, "t k a 3"], last: Array,
-    inter_rest: InterRestRotations, more: int,
-) -> tuple[Float[Array, "t r q"], Float[Array, "t r n 3"]]:  # fmt: skip
-    # derivatives of the rows by a triad's parameters and unit noises, from those by its
-    # vectors at the start and the end of each rotation
-    start, from_start = at.pull(first, inter_rest.before)
-    end, from_end = at.pull(last, inter_rest.before + 1)
-    t, k, a = first.shape[:3]
-    J = np.zeros((t, k * a + more, start.shape[-1]))
-    J[:, : k * a] = (start + end).reshape(t, k * a, -1)
-    return J, _at_rests(inter_rest, from_start, from_end, more)
 
 
 def _at_rests(
@@ -306,19 +301,17 @@ def covariance(
         shared.append(walk_noise(rows, inter_rest, noise))
     if inter_rest.means or noise.bias == "line":
         shared.append(rest_noise(rows, inter_rest, noise, ends))
-        bias = shared[-1][:, count:] @ np.swapaxes(shared[-1][:, count:], -1, -2)
+        bias = shared[-1][:, count:] @ shared[-1][:, count:].mT
     if noise.bias == "known":
         shared.append(rows.by_gyroscope[..., 9:] * noise.bias_std)
     if inter_rest.force.size:
         shared.append(sensitivity_noise(rows, inter_rest, noise)[:, : count + ends])
-    blocks = rows.by_angle @ angle @ np.swapaxes(rows.by_angle, -1, -2)
-    own, each = np.zeros((t, k, a, k, a)), np.arange(k)
-    own[:, each, :, each] = np.moveaxis(blocks, 1, 0)
+    blocks = rows.by_angle @ angle @ rows.by_angle.mT
     V = np.zeros((t, count + ends, count + ends))
-    V[:, :count, :count] = own.reshape(t, count, count)
+    V[:, :count, :count] = spread(blocks).reshape(t, count, count)
     V[:, count:, count:] = np.diag(noise.bias_std[:ends] ** 2) - bias
     for L in shared:
-        V[:, : L.shape[1], : L.shape[1]] += L @ np.swapaxes(L, -1, -2)
+        V[:, : L.shape[1], : L.shape[1]] += L @ L.mT
     return V
 
 
@@ -328,11 +321,11 @@ def angle_covariance(
     """Covariance of theta by white noise, the integral of N^2 D M (D M)'."""
     t, k = moved.D.shape[:2]
     shared, D = moved.statistics[:1, :, 9:, chunks], moved.D[..., chunks]  # one clock
-    squares = (D * shared) @ np.swapaxes(D, -1, -2)
+    squares = (D * shared) @ D.mT
     MN = moved.M * noise.angle_random_walk
-    by = (MN @ np.swapaxes(MN, -1, -2)).reshape(t, 1, 9, 1)
+    by = (MN @ MN.mT).reshape(t, 1, 9, 1)
     pairs = squares.reshape(t, k, 3, 3, 3, 3).swapaxes(3, 4).reshape(t, k, 9, 9)
-    return np.asarray((pairs @ by).reshape(t, k, 3, 3))
+    return (pairs @ by).reshape(t, k, 3, 3)
 
 
 def walk_noise(
@@ -427,7 +420,7 @@ def bridge_covariance(
     square = np.einsum("tkajb,tkcjb,kj->tkac", g, g, tau)
     square += np.einsum("tkab,tkcb,k->tkac", total, total, begin)
     square += np.einsum("tkab,tkcb,k->tkac", whole, whole, rest)
-    return np.asarray(noise.bias_random_walk**2 * square)
+    return noise.bias_random_walk**2 * square
 
 
 def jitter_covariance(
@@ -448,8 +441,8 @@ def jitter_covariance(
     rate = moved.M[:, None] @ (turned / np.where(tau > 0.0, tau, 1.0)[:, :, None])
     seen = np.einsum("tkabj,tkbj->tkaj", moved.D.reshape(t, k, 3, 3, j), rate)
     change = np.diff(np.pad(seen, ((0, 0), (0, 0), (0, 0), (1, 1))), axis=-1)
-    squares = change @ np.swapaxes(change, -1, -2)
-    return np.asarray(noise.clock_jitter**2 / inter_rest.chunk * squares)
+    squares = change @ change.mT
+    return noise.clock_jitter**2 / inter_rest.chunk * squares
 
 
 def sensitivity_noise(

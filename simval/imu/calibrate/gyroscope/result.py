@@ -7,6 +7,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate.drift import Drift
+from simval.imu.calibrate.equations import FIELD_NAMES
 from simval.imu.calibrate.estimate import Estimate
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.calibrate.gyroscope.noise import Weighting
@@ -17,7 +18,7 @@ from simval.imu.sensor.forms import Factors
 from simval.shapes import Float
 from simval.vocabulary import Model
 
-NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
+NAMES = (*FIELD_NAMES[:9], "B_x", "B_y", "B_z")
 START = ", and give a `start` near the truth"
 
 
@@ -123,10 +124,18 @@ class GyroscopeFit(Estimate):
             The same sensors.
         """
         self._require_single()
-        old = self.accelerometer
-        new, _ = forms.convert(old, None, source=self.model, target=model)
-        Q = forms.matrix(model, new) @ np.linalg.inv(forms.matrix(self.model, old))
-        J = _frame_jacobian(self.model, model, old, new, self.M)
+        old, source = self.accelerometer, self.model
+        new, _ = forms.convert(old, None, source=source, target=model)
+        inverse = np.linalg.inv(forms.matrix(source, old))
+        Q = forms.matrix(model, new) @ inverse
+        # new accelerometer parameters and Q M, by the old ones
+        J = np.eye(21)
+        J[:9, :9] = forms.conversion_jacobian(old, new, source=source, target=model)
+        slopes = forms.matrix_derivatives(model, new)
+        moved = np.einsum("pq,pij->qij", J[:6, :6], slopes)
+        dQ = (moved - Q @ forms.matrix_derivatives(source, old)) @ inverse
+        J[9:18, :6] = (dQ @ self.M).reshape(6, 9).T
+        J[9:18, 9:18] = np.kron(Q, np.eye(3))
         return replace(
             self,
             model=model,
@@ -169,29 +178,9 @@ class GyroscopeFit(Estimate):
             "K": np.diagonal(scaled.rest).tolist(),
             "T_K_names": list(scaled.names),
             "T_K_sd": scaled.sd.tolist(),
-            "chi2_per_dof": float(self.chi2_per_dof),
+            "chi2_per_dof": self.chi2_per_dof,
             "dof": self.dof,
-            "condition": float(self.condition),
+            "condition": self.condition,
             "residual_angles_rad": self.residual_angles.tolist(),
             "status": str(self.status),
         }
-
-
-def _frame_jacobian(
-    source: Model,
-    target: Model,
-    old: Float[Array, "9"],
-    new: Float[Array, "9"],
-    M: Float[Array, "3 3"],
-) -> Float[Array, "21 21"]:
-    # new accelerometer parameters and Q M, by the old ones; Q = M_new M_old^-1
-    J = np.eye(21)
-    J[:9, :9] = forms.conversion_jacobian(old, new, source=source, target=target)
-    inverse = np.linalg.inv(forms.matrix(source, old))
-    Q = forms.matrix(target, new) @ inverse
-    d_old = forms.matrix_derivatives(source, old)
-    d_new = np.einsum("pq,pij->qij", J[:6, :6], forms.matrix_derivatives(target, new))
-    dQ = (d_new - Q @ d_old) @ inverse
-    J[9:18, :6] = (dQ @ M).reshape(6, 9).T
-    J[9:18, 9:18] = np.kron(Q, np.eye(3))
-    return J

@@ -34,11 +34,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.arrays import Array
+from simval.geometry import cross_matrix
 from simval.shapes import Float, Inexact
 
-_CROSS = np.zeros((3, 3, 3))  # [v x]_ij = sum over k of _CROSS[k, i, j] v_k
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _CROSS[_k, _i, _j], _CROSS[_k, _j, _i] = -1.0, 1.0
+_CROSS = cross_matrix(np.eye(3)) + 0.0  # [v x]_ij = sum over k of _CROSS[k, i, j] v_k
 _ENTRIES = np.eye(9).reshape(9, 3, 3)  # derivative of M by its entries, row by row
 # of its cofactors, by entry ab: sum over l, n of e_ial e_jbn M_ln
 _COFACTOR = np.einsum("lia,njb->lnabij", _CROSS, _CROSS).reshape(9, 81)
@@ -59,14 +58,14 @@ class Rotations(NamedTuple):
         """Derivative D M of theta by the integrated reading of each chunk."""
         t, k, _, j = self.D.shape
         D = self.D.reshape(t, k, 3, 3, j).transpose(0, 1, 2, 4, 3)
-        return np.asarray(D @ (self.M * scale)[:, None, None])
+        return D @ (self.M * scale)[:, None, None]
 
     def by_line(self, weights: Float[Array, "k j"]) -> Float[Array, "t k 3 3"]:
         """Derivative of theta by a bias with such weights along each rotation."""
-        moments = self.D @ np.swapaxes(self.statistics * weights[:, None], -1, -2)
+        moments = self.D @ (self.statistics * weights[:, None]).mT
         t, k = moments.shape[:2]
         slopes = map_slopes(self.M, self.B)[:, None, :, 9:]
-        return np.asarray(moments.reshape(t, k, 3, 30) @ slopes)
+        return moments.reshape(t, k, 3, 30) @ slopes
 
 
 def cofactor(M: Inexact[Array, "... 3 3"]) -> Inexact[Array, "... 3 3"]:
@@ -98,8 +97,8 @@ def map_slopes(
     result[:, :9, :, 6:9] = -dcof @ bias
     result[:, :9, :, 9] = -(_ENTRIES @ B[:, None, :, None])[..., 0]
     result[:, 9:, :, 6:9] = -cofactor(M)[:, None] @ _CROSS
-    result[:, 9:, :, 9] = -np.swapaxes(M, -1, -2)
-    return np.swapaxes(result.reshape(t, 12, 30), -1, -2)
+    result[:, 9:, :, 9] = -M.mT
+    return result.reshape(t, 12, 30).mT
 
 
 def rotations(
@@ -118,7 +117,7 @@ def rotations(
         both = whole[:, some, 1:] + whole[:, some, :-1]
         _sweep(D[:, :, some], both, phi[:, some], squared[some], ratio[some])
     D = np.moveaxis(D.reshape(9, t, k, j), 0, 2)
-    moments = D @ np.swapaxes(statistics, -1, -2)  # t k 9 10
+    moments = D @ statistics.mT  # t k 9 10
     slopes = moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None]
     C = _matrices(whole[..., -1], t, k)
     return Rotations(statistics=statistics, M=M, B=B, C=C, slopes=slopes, D=D)
@@ -185,7 +184,7 @@ def product(
     result = p[0] * q
     result[0] -= p[1] * turned[1]
     result[1] += p[1] * turned[0]
-    return np.asarray(result)
+    return result
 
 
 def prefixes(q: Inexact[Array, "2 n j"]) -> Inexact[Array, "2 n i"]:

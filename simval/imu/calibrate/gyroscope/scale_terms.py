@@ -53,7 +53,7 @@ def scale_terms(
     left, seen = 2 * (len(forces) - 1) - 12, warm.seen
     if seen is None or seen.span < seen.least_span or left < LEAST_LEFT:
         return Gain()
-    tau = np.asarray(warm.temperature)[:, None] - seen.reference
+    tau = warm.temperature[:, None] - seen.reference
     away = physical_array("gyroscope", gyroscope, (None, 3)) - offset
     centre = np.mean([away[a:b].mean(axis=0) for a, b in rests], axis=0)
     away = away - centre
@@ -76,12 +76,12 @@ def scale_terms(
         J, e = white @ J, np.matvec(white, e)
         q = np.linalg.qr(J[..., :9])[0]
         r = e - np.matvec(q, np.vecmat(e, q))
-        square.append(float(r[0] @ r[0]))
+        square.append(r[0] @ r[0])
         D = (r[1:] - r[0]).T / _STEP
         inverse = np.linalg.pinv(D)
         rest = r[0] - D @ (inverse @ r[0])
         kappa = kappa - inverse @ r[0]
-    scatter = float(rest @ rest)
+    scatter = rest @ rest
     chance = Drop(rest=scatter, dof=left, known=None).chance(square[0], 3)
     if not (chance < FALSE_ALARM and np.linalg.matrix_rank(D) == 3):
         return Gain()

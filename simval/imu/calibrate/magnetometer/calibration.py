@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.arguments import instance
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.imu.calibrate.accelerometer import require_noise
 from simval.imu.calibrate.covariance import repeated_poses, repeated_words
@@ -68,7 +68,7 @@ def checked_known(known: Any, recording: Recording) -> FitResult:
             f"shape {shape}; give one, or one for each trial"
         )
         raise InputError(msg)
-    scaled = known.covariance / (known.sd[..., :, None] * known.sd[..., None, :])
+    scaled = known.covariance / outer(known.sd, known.sd)
     usable = np.isfinite(scaled).all() and np.isfinite(known.parameters).all()
     if not (usable and np.all(np.linalg.eigvalsh(scaled) > 1e-12)):
         msg = (
@@ -171,7 +171,7 @@ def _prior(
     if parameters.ndim == 2:
         parameters, covariance = parameters[rows], covariance[rows]
     count = len(sizes)
-    scaled = covariance / (sizes[:, :, None] * sizes[:, None, :])
+    scaled = covariance / outer(sizes, sizes)
     theta = np.zeros((count, PARAMETERS))
     theta[:, ACCELEROMETER] = (parameters - shifts) / sizes
     root = np.zeros((count, 9, PARAMETERS))
@@ -236,7 +236,7 @@ def fit_magnetometer(recording: Recording, known: Any) -> MagnetometerFit:
         for name in ("parameters", "covariance", "half_width", "code"):
             numbers[name] = used.numbers[name]
         if numbers["code"][0] > CompassCode.MAX_ITERATIONS:
-            refuse(int(numbers["code"][0]), named, stated.fitted)
+            refuse(numbers["code"][0], named, stated.fitted)
         values = stated.numbers["parameters"][0]
         iron = np.linalg.norm(values[MATRIX].reshape(3, 3) @ values[IRON])
         found = look(stated.fitted, recording.time, float(iron / recording.field))

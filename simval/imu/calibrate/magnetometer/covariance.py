@@ -84,7 +84,7 @@ class Fitted(NamedTuple):
         with np.errstate(all="ignore"):  # hopeless trials are NaN
             here = here or problem.local(theta)
             covariance, pivot = here.covariance()
-            full = np.asarray(pivot > _LEAST_PIVOT, dtype=bool)
+            full = pivot > _LEAST_PIVOT
             covariance[~full] = np.nan
             model = problem.accelerometer.model
             natural = natural_sd(model, theta, here.at, covariance)
@@ -199,7 +199,7 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
     """Raise the error of one refused set; geometry if its poses leave the fit open."""
     body, field = poses["accelerometer"], poses["magnetometer"]
     half_width, sine = float(fit.half_width[0]), float(fit.theta[0, DIP])
-    noise = max(float(each.std.max()) for each in fit.problem.sensors)
+    noise = max(each.std.max() for each in fit.problem.sensors)
     if code == CompassCode.HEMISPHERE:
         msg = (
             f"the dip is {_degrees(sine)} degrees, too near 0 to show the "
@@ -287,7 +287,7 @@ def _geometry_words(body: Float[Array, "n 3"], field: Float[Array, "n 3"]) -> st
     # what the raw readings themselves say against the poses
     up = _directions(body, 0.0)
     mean = _directions(up.mean(axis=0, keepdims=True), 0.0)[0]
-    tilt = float(np.arccos(np.clip(np.min(up @ mean), -1.0, 1.0)))
+    tilt = np.arccos(np.clip(np.min(up @ mean), -1.0, 1.0))
     if tilt < _LEVEL:
         return (
             f"the accelerometer points within {np.degrees(tilt):.2g} degrees of one "

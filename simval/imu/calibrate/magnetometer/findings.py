@@ -117,7 +117,7 @@ def _left_out(fit: Fitted) -> tuple[tuple[int, ...], float]:
         if not np.isfinite(fit.covariance).all():
             break
     if len(out) > count // 3:  # then it is no matter of single poses
-        return (), float("nan")
+        return (), np.nan
     return tuple(out), float(fit.chi_square[0] / fit.dof)
 
 
@@ -225,7 +225,7 @@ def _geometry(fit: Fitted) -> Remark | None:
 
 def even_sd(fit: Fitted) -> Float[Array, "25"]:
     """Error bars in natural sizes of as many poses, spread evenly."""
-    directions = even_poses(float(np.clip(fit.theta[0, DIP], -1.0, 1.0)))
+    directions = even_poses(np.clip(fit.theta[0, DIP], -1.0, 1.0))
     given = fit.problem.sensors
     at = fit.here.at
     even: list[Sensor] = []
@@ -236,7 +236,7 @@ def even_sd(fit: Fitted) -> Float[Array, "25"]:
     # the information of many is shared out; a prior, which is not, is left out
     count, few = len(directions[0]), given[0].readings.shape[1]
     stated = Fitted.of(Problem(sensors=tuple(even)), fit.theta)
-    return np.asarray(stated.natural[0] * np.sqrt(count / few))
+    return stated.natural[0] * np.sqrt(count / few)
 
 
 def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:

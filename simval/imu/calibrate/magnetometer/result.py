@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simval.account import Remark
-from simval.arrays import Array
+from simval.arrays import Array, json_values
 from simval.imu.calibrate.equations import FIELD_NAMES
-from simval.imu.calibrate.estimate import Estimate, plain
+from simval.imu.calibrate.estimate import Estimate
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.calibrate.values import magnetometer_account
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
@@ -165,21 +165,20 @@ class MagnetometerFit(Estimate):
             "g": self.g,
             "field": self.field,
             "parameters": {
-                name: {"value": float(value), "sd": float(sd)}
-                for name, value, sd in entries
+                name: {"value": value, "sd": sd} for name, value, sd in entries
             },
             "M": self.M.tolist(),
             "b": self.b.tolist(),
-            "dip_deg": float(np.degrees(self.dip)),
+            "dip_deg": np.degrees(self.dip),
             "names": list(self.names),
             "covariance": self.covariance.tolist(),
             "dof": self.dof,
             "status": str(self.status),
             "iterations": int(self.iterations),
-            "chi_square": float(self.chi_square),
-            "pose_chi_square": plain(self.pose_chi_square),
+            "chi_square": self.chi_square,
+            "pose_chi_square": json_values(self.pose_chi_square),
             "disturbed": list(self.disturbed),
-            "half_width": float(self.half_width),
+            "half_width": self.half_width,
             "right_handed": bool(self.right_handed),
             "assumption": self.assumption,
             "findings": [str(each) for each in self.findings],

@@ -37,7 +37,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, outer
 from simval.errors import GeometryError, InputError
 from simval.imu.calibrate.accelerometer import pose_means
 from simval.imu.calibrate.equations import Prior, Problem, solved
@@ -117,7 +117,7 @@ def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
     found = np.zeros(len(z), dtype=bool)
     if z.shape[1] >= least:
         ellipsoid = fit_ellipsoid(moment_matrix(monomial_rows(z)))
-        proper = np.asarray(ellipsoid.proper & ellipsoid.determined, dtype=bool)
+        proper = ellipsoid.proper & ellipsoid.determined
         gram = np.where(proper[:, None, None], ellipsoid.gram, np.eye(3))
         values, vectors = np.linalg.eigh(gram)
         found = proper & (values[:, 0] > _FLATTEST * values[:, 2])
@@ -145,7 +145,7 @@ def turn_between(
 ) -> tuple[Float[Array, "t 3 3"], Float[Array, " t"]]:
     """Turn between the sensors' axes, and the sine of the dip, eq. (M3)."""
     count = len(up)
-    rows = (up[..., :, None] * field[..., None, :]).reshape(count, -1, 9)
+    rows = outer(up, field).reshape(count, -1, 9)
     rows = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
     least = np.linalg.eigh(rows.mT @ rows)[1][:, :, 0]
     left, values, right = np.linalg.svd(least[:, :9].reshape(-1, 3, 3))
@@ -160,7 +160,7 @@ def turn_between(
 def refined(
     up: Float[Array, "t n 3"],
     field: Float[Array, "t n 3"],
-    turn: Float[Array, "t 3 3"],
+    turn: Float[Array, "... 3 3"],
     sine: Float[Array, " t"],
 ) -> tuple[Float[Array, "t 3 3"], Float[Array, " t"]]:
     """Turn and sine of the dip that minimise the sum of (u'R m + s)^2."""
@@ -247,20 +247,18 @@ def _rounded(problem: Problem, theta: Float[Array, "t 22"]) -> Prior:
 def _starts(problem: Problem) -> list[Float[Array, "t 22"]]:
     body, iron = both_shapes(problem, spheres=True)
     up, field = seen(problem, body, iron)
-    count = len(up)
     turns, sines, costs = [], [], []
     orders = axis_orders()
     for turn in orders[np.linalg.det(orders) > 0.0]:
-        here = np.broadcast_to(turn, (count, 3, 3))
         sine = -np.mean(np.vecdot(up, field @ turn.T), axis=1)
-        here, sine = refined(up, field, here, sine)
+        here, sine = refined(up, field, turn, sine)
         off = np.vecdot(up, field @ here.mT) + sine[:, None]
         cost = np.vecdot(off, off)
         turns.append(here)
         sines.append(sine)
         costs.append(np.where(np.isfinite(cost), cost, np.inf))
     order = np.argsort(np.array(costs), axis=0, kind="stable")
-    every, trials = (np.array(turns), np.array(sines)), np.arange(count)
+    every, trials = (np.array(turns), np.array(sines)), np.arange(len(up))
     # refined turns that came to the same place are tried once each: the first of them
     picks = _distinct(every[0], order)
     return [
@@ -271,7 +269,6 @@ def _starts(problem: Problem) -> list[Float[Array, "t 22"]]:
 
 def _distinct(turns: Float[Array, "k t 3 3"], order: Any) -> list[Any]:
     # indices of the best turns of each trial that are not one and the same
-    picks: list[Any] = []
     trials = np.arange(turns.shape[1])
     new = np.ones(order.shape, dtype=bool)
     for later in range(1, len(order)):
@@ -281,9 +278,7 @@ def _distinct(turns: Float[Array, "k t 3 3"], order: Any) -> list[Any]:
             apart = np.abs(one - other).max(axis=(1, 2)) > 1e-3
             new[later] &= apart | ~new[earlier]
     rank = np.argsort(~new, axis=0, kind="stable")  # the new ones first, in order
-    for place in range(_STARTS):
-        picks.append(order[rank[place], trials])
-    return picks
+    return [order[rank[place], trials] for place in range(_STARTS)]
 
 
 def _best(problem: Problem, found: list[JointSolution]) -> tuple[JointSolution, Any]:
@@ -318,19 +313,6 @@ def twin(theta: Float[Array, "t 22"]) -> Float[Array, "t 22"]:
     return turned
 
 
-def both_means(accelerometer: Any, magnetometer: Any) -> tuple[Array, Array]:
-    """Check pose means of both sensors, (n, 3) or (trials, n, 3), of the same poses."""
-    named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
-    body, field = (pose_means(name, value) for name, value in named.items())
-    if body.shape != field.shape:
-        msg = (
-            f"`accelerometer` has shape {body.shape} and `magnetometer` {field.shape}; "
-            "give the means of both sensors over the same poses, in the same order"
-        )
-        raise InputError(msg)
-    return body, field
-
-
 def ellipsoid_then_rotation(
     accelerometer: Any, magnetometer: Any
 ) -> Float[Array, "... 13"]:
@@ -354,7 +336,15 @@ def ellipsoid_then_rotation(
     GeometryError
         If a set fixes no ellipsoid.
     """
-    pair = both_means(accelerometer, magnetometer)
+    named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
+    pair = [pose_means(name, value) for name, value in named.items()]
+    if pair[0].shape != pair[1].shape:
+        msg = (
+            f"`accelerometer` has shape {pair[0].shape} and `magnetometer` "
+            f"{pair[1].shape}; give the means of both sensors over the same poses, in "
+            "the same order"
+        )
+        raise InputError(msg)
     batch = [readings.reshape(-1, *readings.shape[-2:]) for readings in pair]
     finite = np.isfinite(batch).all(axis=(0, 2, 3))
     result = np.full((len(batch[0]), 13), np.nan)
