@@ -24,6 +24,7 @@ HALF: Final = 0.5  # of the squares: another frame must leave less
 THIN: Final = 600  # rows for a look
 FAINT: Final = 1e-3  # of a direction: below it a mount is the declared axes'
 SPIKE: Final = 12.0  # times the noise
+BLOCK: Final = 32  # rows whose mean is all but free of the rounding of poses
 SPIKE_SHARE: Final = 0.02  # of the reading, and of the rows
 BOUND: Final = 3.0
 PRESENT: Final = 0.5  # a term is judged where its absence would be seen
@@ -96,6 +97,8 @@ class SensorAudit:
         What the fit leaves of each piece, body axes.
     bound : float
         Root mean square of the error of the ideal in the longest piece.
+    slow_bound : float
+        The same of means over some rows, as far as an integral keeps it.
     size : float
         Root mean square of the ideal reading.
     unexplained : float
@@ -116,6 +119,7 @@ class SensorAudit:
     spikes: Float[Array, " s"]
     left: list[Array]
     bound: float
+    slow_bound: float
     size: float
     unexplained: float
 
@@ -176,6 +180,9 @@ def judged(
         left=left,
         constant=own["bias"] + own["constant"],
         bound=_size(np.sum(np.abs(longest.errors), axis=0)),
+        slow_bound=_size(
+            np.sum([np.abs(block_means(each)) for each in longest.errors], axis=0)
+        ),
         size=size, unexplained=0.0 if explained == "all" else rest,
     )  # fmt: skip
 
@@ -219,6 +226,12 @@ def _items(
     # a component that is not seen counts as zero
     items["constant"] = constant._replace(judged=np.ones(3, bool))
     return items
+
+
+def block_means(rows: Float[Array, "n 3"]) -> Float[Array, "k 3"]:
+    """Means of `BLOCK` rows: derivatives of rounded poses are loud in rows alone."""
+    n = max(1, min(BLOCK, len(rows) // 16))
+    return rows[: len(rows) // n * n].reshape(-1, n, 3).mean(axis=1)
 
 
 def _far(rows: TermRows, left: Float[Array, "n 3"], size: float) -> Mask:

@@ -117,7 +117,7 @@ def reckoned(
     noise = [np.mean(np.concatenate(each.left) ** 2) for each in found]
     sampled = off(ideal, late)[0]
     allowed = sampled + CERTAIN * (np.sqrt(twice @ noise) + once @ bias)
-    allowed += once @ [each.bound for each in found]
+    allowed += once @ [each.slow_bound for each in found]
     return Reckoning(
         T, *off(own, late), sampled, float(allowed), off(own, (0.0, 0.0))[0]
     )

@@ -140,6 +140,12 @@ def test_a_mean_over_the_step_is_a_convention(instant):
     assert found.reckoning.instants > 10.0 * found.reckoning.position
 
 
+def test_rounded_poses_do_not_excuse_a_late_reading():
+    """What a second derivative of single precision has from row to row goes nowhere."""
+    late = simulated("gyroscope late in steps", rng(4), single=True, size=0.1)
+    assert not audit(late, declared()).reckoning.good
+
+
 def test_noise_is_no_delay():
     """Noise of 0.1 m/s^2: the delay's error bar says how little it is known."""
     sizes = []
