@@ -90,6 +90,11 @@ def counted(count: int, noun: str, plural: str = "") -> str:
     return f"{whole(count)} {noun if count == 1 else plural or f'{noun}s'}"
 
 
+def standard_errors(size: str) -> str:
+    """Spell a distance in standard errors: ``+1 standard error``."""
+    return f"{size} standard error{'s' * (size.lstrip('+-') != '1')}"
+
+
 def series(names: Iterable[str]) -> str:
     """Join names as in a sentence: ``a, b and c``."""
     *first, last = [*names] or [""]

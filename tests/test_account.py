@@ -233,7 +233,6 @@ def changes(found):
         (dict(widest=0.12), "known to 12 % only"),
         (dict(freedom=3), "3 degrees of freedom"),
         (dict(hidden=50.0, hides="the bias of x"), "a drift of the bias of x"),
-        (dict(outliers=(3,)), "Look at rest 3"),
     ):
         yield dict(diagnosis=replace(found.diagnosis, **change)), words
     noise = replace(found.pose_noise, words="white noise alone: why", do="Rest longer.")

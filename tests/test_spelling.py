@@ -17,6 +17,7 @@ from simval.spelling import (
     in_ascii,
     measured,
     rounded,
+    standard_errors,
 )
 from simval.units import OF_A_CALIBRATION, OF_A_DATA_SHEET
 
@@ -79,6 +80,7 @@ def test_a_count_agrees_with_its_noun(count):
     assert int(digits.replace(" ", "")) == count
     assert noun == ("cell" if count == 1 else "cells")
     assert counted(count, "axis", "axes").endswith("axis" if count == 1 else "axes")
+    assert standard_errors(f"-{count}").endswith("error" if count == 1 else "errors")
 
 
 @given(seconds=st.floats(1e-3, 1e9))

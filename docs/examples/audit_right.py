@@ -44,7 +44,7 @@ def motion(k, seconds):
 
 def main(first, last):
     """Audit the draws and print the counts."""
-    counts = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     for k in range(first, last):
         imu, said = drawn(k)
         found = audit(imu, said)

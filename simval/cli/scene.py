@@ -147,6 +147,8 @@ def command(
     for path in (out, picture):
         if path is not None:
             click.echo(f"written   {path}")
+    if out is None and picture is None:
+        click.echo("written   nothing; --out FILE writes the log")
 
 
 def _along(

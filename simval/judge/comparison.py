@@ -44,6 +44,7 @@ from simval.change import (
 from simval.judge.baseline import Entry, Stored, StoredCell, entries
 from simval.judge.steps import AIMED, Standing, Step, loss_change, standing
 from simval.results import CellName
+from simval.spelling import standard_errors
 from simval.statistics import COVARIANCE, SD, Statistic
 from simval.sweep.run import Run
 from simval.verdict import POWER, Answer
@@ -170,7 +171,7 @@ class Comparison:
         if self.change == "unresolved" and not self.standard_error:
             return "its noise is another, and how much that moves it is not known"
         size = (
-            f"{self.sigmas:+.3g} standard errors"
+            standard_errors(f"{self.sigmas:+.3g}")
             if self.standard_error > 0
             else f"{step / abs(stored):+.3g} of its size"
             if stored

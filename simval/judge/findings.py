@@ -21,7 +21,7 @@ from simval.judge.comparison import Comparison
 from simval.judge.gate import GateResult
 from simval.judge.steps import Step, kind_of, moved, share_words
 from simval.results import CellName
-from simval.spelling import rounded_up
+from simval.spelling import counted, rounded_up, standard_errors
 from simval.text import did_you_mean, one_line
 from simval.verdict import WORST_FIRST, Answer, Verdict
 
@@ -283,8 +283,10 @@ class Group:
     def _against_theory(self) -> str:
         bad = self.worst.answer == "fail"
         verb = "failed" if bad else "are inconclusive"
-        checks = f"{len(self.findings)} of {self.of} checks against theory {verb}"
-        return f"{checks}{self._off() if bad else ''} {self._where}{self._sigmas}"
+        checks = f"{len(self.findings)} of {counted(self.of, 'check')} against theory"
+        return (
+            f"{checks} {verb}{self._off() if bad else ''} {self._where}{self._sigmas}"
+        )
 
     def _off(self) -> str:
         """Say how far the values are from what was expected."""
@@ -300,12 +302,12 @@ class Group:
     @property
     def _where(self) -> str:
         names = {each.cell for each in self.findings}
-        return f"in {len(names)} of {self.cells} cells"
+        return f"in {len(names)} of {counted(self.cells, 'cell')}"
 
     @property
     def _sigmas(self) -> str:
         sizes = [abs(each.sigmas) for each in self.findings if each.sigmas is not None]
-        return f", up to {max(sizes):.3g} standard errors" if sizes else ""
+        return f", up to {standard_errors(f'{max(sizes):.3g}')}" if sizes else ""
 
     @property
     def lines(self) -> list[str]:

@@ -229,9 +229,10 @@ def outcome(result: GateResult) -> str:
     said = " and ".join(agree)
     if against:
         said = f"{said}, but {', '.join(against)}" if agree else ", ".join(against)
-    uncounted = ((result.wide, "too wide to count"),
+    uncounted = ((result.wide, "too wide to count (twice the prediction would pass)"),
                  (len(result.outside), "outside theory's range"))  # fmt: skip
-    left = [f"{counted(n, 'row')} {'is' if n == 1 else 'are'} {why}"
+    noun = f"{'more ' * bool(result.counts)}check"
+    left = [f"{counted(n, noun)} {'is' if n == 1 else 'are'} {why}"
             for n, why in uncounted if n]  # fmt: skip
     return "; ".join(filter(None, (said, " and ".join(left))))
 
@@ -276,8 +277,8 @@ def outside_lines(result: GateResult) -> Iterator[str]:
         cells = counted(len({name for name, _ in found}), "cell")
         checks, (name, row) = counted(len(found), "check"), found[0]
         yield (
-            f"outside theory's range, not judged: {study}, {checks} in {cells}; the "
-            f"first, {row.statistic} of {name}: {row.outside}"
+            f"outside theory's range, not judged: {study}, {checks} in {cells}: "
+            f"{row.outside}; the first is {row.statistic} of {name}"
         )
 
 

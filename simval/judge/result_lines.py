@@ -36,6 +36,7 @@ from simval.spelling import (
     measured,
     rounded,
     rounded_up,
+    standard_errors,
     whole,
 )
 from simval.sweep.cells import REFUSED
@@ -54,21 +55,30 @@ def gate_account(result: GateResult) -> Account:
 
     What did not pass stands below it, one by one (`short_lines`).
     """
+    notes = [Fact("note", one_line(each), notable=True) for each in result.notes]
+    lines = [f"The false-alarm rate is {result.alpha:g} for all together."]
+    if result.wide:
+        lines.append(
+            "A check that would pass twice its prediction is wide, and is not counted "
+            "(docs/gate.md)."
+        )
     return Account(
         title="Gate of",
         source=Path(result.folder).name,
-        values=tables_of(result.asked),
+        values=[
+            *tables_of(result.asked),
+            *([Values(title="Notes", facts=notes)] if notes else []),
+        ],
         replies=(
             Reply(
                 title="Does the run pass?",
                 headline=headline(result),
                 answer=result.answer,
                 do=" ".join(_to_do(result)),
-                lines=(f"The false-alarm rate is {result.alpha:g} for all together.",),
+                lines=tuple(lines),
             ),
             *replies_to(result.asked),
         ),
-        facts=[Fact("note", one_line(each), notable=True) for each in result.notes],
     )
 
 
@@ -333,7 +343,7 @@ def _value(step: Step, settings: Mapping[str, str]) -> str:
 def _size(step: Step) -> str:
     """Say by how much a value changed."""
     sigmas, relative = step.sigmas, step.relative
-    size = "" if sigmas is None else f", {sigmas:+.3g} standard errors"
+    size = "" if sigmas is None else f", {standard_errors(f'{sigmas:+.3g}')}"
     return size + ("" if relative is None else f", {100.0 * relative:+.3g} %")
 
 

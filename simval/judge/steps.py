@@ -28,6 +28,7 @@ from simval.arrays import Array
 from simval.change import rounding_bound
 from simval.results import Row
 from simval.shapes import Float
+from simval.spelling import standard_errors
 from simval.statistics import Statistic
 from simval.sweep.cells import CellResult
 
@@ -132,7 +133,7 @@ class Move:
     def sentence(self) -> str:
         """Say what changed, by how much and where."""
         sigmas = self.sigmas
-        far = "" if sigmas is None else f", up to {_digits(sigmas)} standard errors"
+        far = "" if sigmas is None else f", up to {standard_errors(_digits(sigmas))}"
         where = "" if self.of == 1 else f" in {self.cells} of {self.of} cells"
         return f"{self.study}, {self.what}: {self.size}{where}{far}"
 

@@ -53,6 +53,14 @@ SHIFTED: Final = {
     "accelerometer": ("offset of the accelerometer", FORCE),
     "magnetometer": ("offset of the magnetometer", FIELD),
 }
+EXPLAINED: Final = {
+    f"{sensor} disturbance": f"{sensor} disturbance ({words})"
+    for sensor, words in (
+        ("accelerometer", "acceleration other than gravity"),
+        ("magnetometer", "field other than the Earth's"),
+    )
+}
+"""Sources of error whose names alone say too little."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -227,7 +235,7 @@ def advice_account(found: FilterAdvice) -> Account:
     ]  # fmt: skip
     whole = sum(x**2 for x in effect.sources.values())
     errors = [x for each in found.cases for x in each.errors]
-    rows = dict.fromkeys(x.name for x in errors if isinstance(x, RowError))
+    rows = dict.fromkeys(_source(x.name) for x in errors if isinstance(x, RowError))
     ordered = sorted(effect.sources.items(), key=lambda each: -each[1])
     shares = [
         (", ".join(rows) if name == "disturbance" else name, x, 100.0 * x**2 / whole)
@@ -264,6 +272,10 @@ def advice_account(found: FilterAdvice) -> Account:
         facts=[Fact("temperature", "it changes scales and offsets; any one of these "
                     f"changes makes as large an error: {', '.join(shifts)}")],
     )  # fmt: skip
+
+
+def _source(name: str) -> str:
+    return EXPLAINED.get(name, name)
 
 
 def _cell(name: str, value: float) -> Quantity:
@@ -315,16 +327,15 @@ def _cost(found: FilterAdvice) -> Reply:
     return Reply(
         title="What do other settings cost?",
         headline=f"{true}. {tenfold}.",
-        answer="pass" if said[true].nees.max() <= found.band[1] else "inconclusive",
         lines=tuple(f"{words} (NEES {_nees(x)})." for words, x in said.items()),
     )
 
 
 def _help(halves: Mapping[str, float]) -> Reply:
     gains = [
-        f"{name}: {rounded(100.0 * (1.0 - x))} % less error"
+        f"{_source(name)}: {rounded(100.0 * (1.0 - x))} % less error"
         if x < NO_GAIN
-        else f"{name}: less than 1 %"
+        else f"{_source(name)}: less than 1 %"
         for name, x in sorted(halves.items(), key=lambda each: each[1])
     ]
     name, _, gain = gains[0].partition(": ")
@@ -338,6 +349,6 @@ def _help(halves: Mapping[str, float]) -> Reply:
         headline=f"Half the {what}: {gain}, with settings found anew."
         if helps
         else "Nothing much: half of any one source lowers the error by less than 1 %.",
-        do=how if helps and not name.endswith("disturbance") else "",
+        do=how if helps and "disturbance" not in name else "",
         lines=tuple(gains[helps:]),
     )

@@ -17,7 +17,7 @@ PYRIGHT = ROOT / "tests" / "pages" / "node_modules" / ".bin" / "pyright"
 
 PLAIN = """# mypy: disallow-untyped-defs=False, disallow-untyped-calls=False
 # mypy: check-untyped-defs=True, disallow-any-generics=False
-# mypy: disable-error-code="name-defined, import-untyped, import-not-found"
+# mypy: disable-error-code="name-defined, has-type, import-untyped, import-not-found"
 """
 """Of a page's program: names that its text introduces stand for anything."""
 

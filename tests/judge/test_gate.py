@@ -435,7 +435,7 @@ def test_too_few_trials_are_one_line_and_checks_out_of_range_are_counted():
     )
     assert most <= int(said[1].replace(",", "")) <= 1.2 * most
     assert result.exit_code == 3
-    assert "; 1 row is outside theory's range." in headline(result)
+    assert "; 1 more check is outside theory's range." in headline(result)
     (note,) = outside_lines(result)
     assert far.outside in note
     assert "may be 40 here" in note

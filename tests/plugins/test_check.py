@@ -413,7 +413,7 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
         "Check of mine\n\n! Does mine, an estimator, agree with theory?\n  No: its "
         "share of exact cases that fail (half turns about y) is 1, where 0 is allowed."
     )
-    assert "2 of 69\n  checks against theory fail; 5 rows are too wide to count." in out
+    assert "2 of 69\n  checks against theory fail; 5 more checks are too wide to count" in out
     assert "  Mend the formula there, or declare the class in `fails_at`." in out
     assert re.search(r"mine, by noise_std\n +0\.01 +0\.05\n", out)
     assert re.search(r"share of exact cases that fail .* 1 ! +1 !\n", out)

@@ -69,9 +69,10 @@ def recomputed(rows):
     sure = error > 0.0
     sigmas[sure] = np.maximum(off - room, 0.0)[sure] / error[sure]
     band = within_all(len(v), 0.95) * error
-    seen = (band <= 1.0) | (sigmas * error > band)
+    apart = (band > 1.0) & (sigmas * error > band)
+    seen = (band <= 1.0) | apart
     left = seen & sure & (sigmas * error <= band) & (off > band)
-    near = seen & ~left
+    near = seen & ~left & ~apart
 
     def most(which):
         if not which.any():
@@ -83,6 +84,7 @@ def recomputed(rows):
         "points": len(rows),
         "compared": len(v),
         "unseen": int((~seen).sum()),
+        "apart": int(apart.sum()),
         "allowed": int(left.sum()),
         "outside": int((sigmas > within_all(len(v), 0.95)).sum()),
         "off": int((sigmas > within_all(len(v), 0.9999)).sum()),
@@ -109,6 +111,7 @@ def checked(run, rows):
                     "points",
                     "compared",
                     "unseen",
+                    "apart",
                     "allowed",
                     "outside",
                     "off",

@@ -377,19 +377,15 @@ def left_out_words(left_out: Mapping[str, Remark]) -> list[str]:
 
 
 def _next(whole: Any) -> Reply:
-    outliers = [str(whole.numbers[k]) for k in whole.diagnosis.outliers]
     further = ", ".join(f"{x:.2f}" for x in whole.next_direction)
-    rest = "rest" if len(outliers) == 1 else "rests"
     left = left_out_words(whole.left_out)
     if whole.pose_noise.do:
         left.append(f"The noise of a pose is {whole.pose_noise.words}.")
         left.append(whole.pose_noise.do)
     return Reply(
         title="What next?",
-        headline=f"Look at {rest} {', '.join(outliers)}, and calibrate without."
-        if outliers
-        else f"To do better, add a pose with the force along ({further}).",
-        answer="inconclusive" if whole.left_out or outliers else "pass",
+        headline=f"To do better, add a pose with the force along ({further}).",
+        answer="inconclusive" if whole.left_out else "pass",
         do=" ".join(left),
         lines=(
             f"A pose with the force along ({further}) in sensor axes would lower the "

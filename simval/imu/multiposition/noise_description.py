@@ -1,5 +1,6 @@
 """The noise of a log, as an account and as JSON values."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -54,52 +55,51 @@ ROOT_TWO: Final = np.sqrt(2.0)
 FLOOR: Final = np.sqrt(2.0 * np.log(2.0) / np.pi)  # of the Allan deviation, over B
 FURTHER: Final[dict[tuple[str, str], tuple[Further, ...]]] = {
     ("accelerometer", "N"): (
-        Further("ug/sqrt(Hz)", 1e6 / G0),
-        Further("m/s/sqrt(h)", np.sqrt(HOUR)),
-        Further("one-sided ug/sqrt(Hz)", 1e6 * ROOT_TWO / G0),
-        Further("m/s^2 a row", 1.0, 0.5),
+        Further("µg/√Hz", 1e6 / G0),
+        Further("m/s/√h", np.sqrt(HOUR)),
+        Further("one-sided µg/√Hz", 1e6 * ROOT_TWO / G0),
+        Further("m/s² a row", 1.0, 0.5),
     ),
     ("accelerometer", "B"): (
-        Further("ug", 1e6 / G0),
-        Further("floor 0.664 B, ug", 1e6 * FLOOR / G0),
+        Further("µg", 1e6 / G0),
+        Further("floor 0.664 B, µg", 1e6 * FLOOR / G0),
     ),
     ("accelerometer", "K"): (
-        Further("ug/sqrt(s)", 1e6 / G0),
-        Further("ug/sqrt(h)", 1e6 * np.sqrt(HOUR) / G0),
-        Further("m/s^2 a row", 1.0, -0.5),
+        Further("µg/√s", 1e6 / G0),
+        Further("µg/√h", 1e6 * np.sqrt(HOUR) / G0),
+        Further("m/s² a row", 1.0, -0.5),
     ),
     ("gyro", "N"): (
-        Further("deg/s/sqrt(Hz)", 1.0 / DEGREE),
-        Further("deg/sqrt(h)", np.sqrt(HOUR) / DEGREE),
-        Further("one-sided deg/s/sqrt(Hz)", ROOT_TWO / DEGREE),
+        Further("°/s/√Hz", 1.0 / DEGREE),
+        Further("°/√h", np.sqrt(HOUR) / DEGREE),
+        Further("one-sided °/s/√Hz", ROOT_TWO / DEGREE),
         Further("rad/s a row", 1.0, 0.5),
     ),
     ("gyro", "B"): (
-        Further("deg/h", HOUR / DEGREE),
-        Further("floor 0.664 B, deg/h", FLOOR * HOUR / DEGREE),
+        Further("°/h", HOUR / DEGREE),
+        Further("floor 0.664 B, °/h", FLOOR * HOUR / DEGREE),
     ),
     ("gyro", "K"): (
-        Further("deg/s/sqrt(s)", 1.0 / DEGREE),
-        Further("deg/h/sqrt(h)", HOUR * np.sqrt(HOUR) / DEGREE),
+        Further("°/s/√s", 1.0 / DEGREE),
+        Further("°/h/√h", HOUR * np.sqrt(HOUR) / DEGREE),
         Further("rad/s a row", 1.0, -0.5),
     ),
     ("magnetometer", "N"): (
-        Further("uT/sqrt(Hz)", 1e6),
-        Further("one-sided nT/sqrt(Hz)", 1e9 * ROOT_TWO),
-        Further("uT a reading", 1e6, 0.5),
+        Further("µT/√Hz", 1e6),
+        Further("one-sided nT/√Hz", 1e9 * ROOT_TWO),
+        Further("µT a reading", 1e6, 0.5),
     ),
     ("magnetometer", "B"): (
         Further("nT", 1e9),
         Further("floor 0.664 B, nT", 1e9 * FLOOR),
     ),
     ("magnetometer", "K"): (
-        Further("nT/sqrt(s)", 1e9),
-        Further("nT/sqrt(h)", 1e9 * np.sqrt(HOUR)),
-        Further("uT a reading", 1e6, -0.5),
+        Further("nT/√s", 1e9),
+        Further("nT/√h", 1e9 * np.sqrt(HOUR)),
+        Further("µT a reading", 1e6, -0.5),
     ),
 }  # fmt: skip
-_RAW: Final = {"raw/sqrt(Hz)": "raw/√Hz", "raw/sqrt(s)": "raw/√s"}
-"""As a person reads them."""
+_ROOT: Final = re.compile(r"sqrt\((\w+)\)")
 OF_INCREMENTS: Final = {"accelerometer": "m/s", "gyro": "rad"}
 
 
@@ -108,6 +108,11 @@ def si_unit(sensor: str, kind: str) -> str:
     if kind == "Q":
         return OF_INCREMENTS[sensor]
     return LETTERS[kind].raw_unit.replace("raw", next(iter(OF_A_LOG[sensor])))
+
+
+def _readable(unit: str) -> str:
+    # as a data sheet spells it
+    return _ROOT.sub(r"√\1", unit).replace("^2", "²")
 
 
 KALIBR = {
@@ -151,8 +156,7 @@ class SensorNoise:
         if kind in OF_TIME:
             return OF_TIME[kind]
         if self.si_per_raw is None:
-            unit = LETTERS[kind].raw_unit
-            return Unit(_RAW.get(unit, unit), 1.0)
+            return Unit(_readable(LETTERS[kind].raw_unit), 1.0)
         own = OF_A_DATA_SHEET[self.name][kind]
         return Unit(own.name, own.factor * self.si_per_raw)
 
@@ -468,7 +472,8 @@ def _table(
         more = (f"{mark}{each.of(size, axis.rate_hz):.4g}" for each in further)
         rows.append((letter, f"{mark}{size:.4g}", sd, f" {ends}", *more))
     widths = -2, 12, 8, -23, *(len(each.title) + 1 for each in further)
-    return [f"{name}, {words} {kind}, {unit}", *columns(rows, *widths)]
+    title = f"{sensor.title}, {words} {kind}, {_readable(unit)}"
+    return [title, *columns(rows, *widths)]
 
 
 def _fits(sensor: SensorNoise) -> Iterator[tuple[str, str]]:

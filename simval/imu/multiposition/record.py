@@ -145,7 +145,7 @@ def other_sources(fit: Any, count: int) -> tuple[Contribution, ...]:
     known = C[n:, n:] - C[n:, :n] @ np.linalg.solve(C[:n, :n], C[:n, n:])
     own, whole = np.diagonal(known), np.diagonal(C[n:, n:])
     found = fit.noise.words or "every sensor scatters as its noise explains"
-    parts = "; the parts of it are told for the accelerometer alone"
+    parts = "; the accelerometer's scatter alone is split into noise, steps and motion"
     carried = "its calibration, which was fitted together and fixes the axes"
     return (
         Contribution("scatter", f"{found}{parts}", np.sqrt(np.maximum(own, 0.0))),

@@ -272,7 +272,7 @@ def test_a_fault_in_each_sensor_is_named(truth, sensor):
         assert {name: each.outliers for name, each in told.items()} == expected
         text = " ".join(str(found).split())  # the short view has what does not belong
         assert all(str(each.remark) in text for each in told.values() if each.outliers)
-        every = "\n".join(lines(found.account, verbose=True))
+        every = " ".join(" ".join(lines(found.account, verbose=True)).split())
         assert every.count("farthest off") >= len(told)
         assert "least determined" in every
         if sensor in told:

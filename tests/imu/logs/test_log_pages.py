@@ -67,7 +67,7 @@ WORDS = {
         "residual of each rotation",
         "Was the field the same in every pose?",
     ],
-    "outlier": ["and calibrate without", "is not that of the others"],
+    "outlier": ["--leave-out", "is not that of the others"],
     "filtered": [
         "When is the filter mekf wrong?",
         "overconfident",

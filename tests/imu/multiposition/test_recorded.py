@@ -280,7 +280,7 @@ def test_an_outlier_rest_is_named():
     between = log.time[[result.intervals[10, 1], result.intervals[11, 0]]].mean()
     with pytest.raises(InputError, match="there is no rest at"):
         calibrate_log(log, g=G, leave_out=[between])
-    assert "Look at rest 11, and calibrate without." in str(result)
+    assert str(result).count("--leave-out 11") == 1  # said once, in the short view
     assert result.diagnosis.chi2_per_dof > 2.0
     robust = calibrate_log(log, g=G, loss="cauchy")
     # a push of 0.3 on one rest of 24 moves the bias by 0.3 / 24 and more; without that

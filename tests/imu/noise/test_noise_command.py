@@ -116,27 +116,27 @@ def test_the_figure(simval, still, tmp_path):
 
 UNITS = {  # of a coefficient in SI, for 100 readings a second
     ("gyro", "N", 1e-4): {
-        "deg/s/sqrt(Hz)": 0.0057296, "deg/sqrt(h)": 0.343775, "rad/s a row": 1e-3,
-        "one-sided deg/s/sqrt(Hz)": 0.0081028,
+        "°/s/√Hz": 0.0057296, "°/√h": 0.343775, "rad/s a row": 1e-3,
+        "one-sided °/s/√Hz": 0.0081028,
     },
-    ("gyro", "B", 4.8481368e-6): {"deg/h": 1.0, "floor 0.664 B, deg/h": 0.6642824},
+    ("gyro", "B", 4.8481368e-6): {"°/h": 1.0, "floor 0.664 B, °/h": 0.6642824},
     ("gyro", "K", 0.017453293): {
-        "deg/s/sqrt(s)": 1.0, "deg/h/sqrt(h)": 216000.0, "rad/s a row": 0.0017453293,
+        "°/s/√s": 1.0, "°/h/√h": 216000.0, "rad/s a row": 0.0017453293,
     },
     ("accelerometer", "N", 9.80665e-4): {
-        "ug/sqrt(Hz)": 100.0, "m/s/sqrt(h)": 0.0588399,
-        "one-sided ug/sqrt(Hz)": 141.42136, "m/s^2 a row": 9.80665e-3,
+        "µg/√Hz": 100.0, "m/s/√h": 0.0588399,
+        "one-sided µg/√Hz": 141.42136, "m/s² a row": 9.80665e-3,
     },
-    ("accelerometer", "B", 9.80665e-6): {"ug": 1.0, "floor 0.664 B, ug": 0.6642824},
+    ("accelerometer", "B", 9.80665e-6): {"µg": 1.0, "floor 0.664 B, µg": 0.6642824},
     ("accelerometer", "K", 9.80665e-6): {
-        "ug/sqrt(s)": 1.0, "ug/sqrt(h)": 60.0, "m/s^2 a row": 9.80665e-7,
+        "µg/√s": 1.0, "µg/√h": 60.0, "m/s² a row": 9.80665e-7,
     },
     ("magnetometer", "N", 1e-8): {
-        "uT/sqrt(Hz)": 0.01, "one-sided nT/sqrt(Hz)": 14.142136, "uT a reading": 0.1,
+        "µT/√Hz": 0.01, "one-sided nT/√Hz": 14.142136, "µT a reading": 0.1,
     },
     ("magnetometer", "B", 2e-9): {"nT": 2.0, "floor 0.664 B, nT": 1.3285648},
     ("magnetometer", "K", 3e-9): {
-        "nT/sqrt(s)": 3.0, "nT/sqrt(h)": 180.0, "uT a reading": 3e-4,
+        "nT/√s": 3.0, "nT/√h": 180.0, "µT a reading": 3e-4,
     },
 }  # fmt: skip
 
