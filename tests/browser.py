@@ -24,7 +24,7 @@ FLAGS = (
 )
 
 
-# parts whose text passes the sheet's edge or their own; tables' words broken over lines;
+# parts whose text passes the sheet's edge or their own; table words broken over lines;
 # figures that the text needs and the provenance, where they are not drawn: all but what
 # is folded in a closed chapter
 LACKING = """(() => {
