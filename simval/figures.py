@@ -28,12 +28,12 @@ Label = Callable[[Row], str]
 
 def entries(row: Row) -> str:
     """All entries of a row."""
-    return ", ".join(row.statistic.entries)
+    return ", ".join(row.statistic.printed)
 
 
 def entry(place: int) -> Label:
     """A label: the entry at one place of a row's statistic."""
-    return lambda row: row.statistic.entries[place]
+    return lambda row: row.statistic.printed[place]
 
 
 def predictor(row: Row) -> str:
@@ -48,7 +48,7 @@ def family_words(row: Row) -> str:
 
 def words(row: Row) -> str:
     """A label: the family of a row's statistic and its entries, in words."""
-    return ": ".join((row.statistic.family.words, *row.statistic.entries))
+    return ": ".join((row.statistic.family.words, *row.statistic.printed))
 
 
 def of_calibration(row: Row) -> Unit:

@@ -97,7 +97,7 @@ POOLED_NEES = _ratio("nees, pooled", "normalised squared error, pooled", margin=
 COVERAGE = _share("coverage", "coverage of the stated intervals", better="prediction")
 MISJUDGED = _share("misjudged", "share of signals that are misjudged")
 CHANCE_OF_ERRORS = _size(
-    "chance_of_errors", "mean -ln of the chance of errors as far, by the stated bars"
+    "chance_of_errors", "surprise of the errors, by their stated error bars"
 )
 COVERAGE_NORMAL = _share(
     "coverage_normal", "coverage of 1.96 standard deviations", better="prediction"
@@ -364,6 +364,8 @@ PARAMETERS = {
     for which in (*AXES, *(row + column for row in AXES for column in AXES))
 }
 """Each entry of a matrix or vector of parameters, and which one it belongs to."""
+PRINTED = {"S_yx": "T[1][0]", "S_zx": "-T[2][0]", "S_zy": "T[2][1]"}
+"""Entries of a matrix that are printed by their place in it."""
 
 QUANTILES = ("least", "5%", "median", "95%", "most", "worst", "1%", "10%")
 RATES = ("50 Hz", "100 Hz", "250 Hz", "500 Hz")
@@ -398,9 +400,14 @@ class Statistic:
         return f"{'control ' if self.controlled else ''}{self.family.name}{inside}"
 
     @property
+    def printed(self) -> tuple[str, ...]:
+        """Entries as people read them."""
+        return tuple(PRINTED.get(entry, entry) for entry in self.entries)
+
+    @property
     def words(self) -> str:
         """Name for people: the family, and the entries in brackets."""
-        inside = f" ({', '.join(self.entries)})" if self.entries else ""
+        inside = f" ({', '.join(self.printed)})" if self.entries else ""
         return f"{self.family.words}{inside}"
 
     @property

@@ -24,8 +24,9 @@ FLAGS = (
 )
 
 
-# parts whose text passes the sheet's edge or their own; figures that the text needs and
-# the provenance, where they are not drawn: all but what is folded in a closed chapter
+# parts whose text passes the sheet's edge or their own; table words broken over lines;
+# figures that the text needs and the provenance, where they are not drawn: all but what
+# is folded in a closed chapter
 LACKING = """(() => {
   const told = (e) => `${e.tagName} ${e.className}: ${e.textContent.slice(0, 60)}`;
   const shown = [...document.querySelectorAll('body *')].filter(
@@ -33,10 +34,18 @@ LACKING = """(() => {
   const clips = (e) => getComputedStyle(e).overflowX !== 'visible';
   const cut = shown.filter((e) => e.getBoundingClientRect().right > innerWidth + 1
     || (clips(e) && e.scrollWidth > e.clientWidth + 1));
+  const broken = shown.filter((e) => e.closest('th, td') && !e.closest('pre')).flatMap(
+    (e) => [...e.childNodes].filter((n) => n.nodeType === 3).flatMap(
+      (n) => [...n.data.matchAll(/[^\\s,-]+/g)].map((word) => {
+        const range = document.createRange();
+        range.setStart(n, word.index);
+        range.setEnd(n, word.index + word[0].length);
+        return new Set([...range.getClientRects()].map((b) => Math.round(b.top)));
+      }).filter((tops) => tops.size > 1).map(() => e)));
   const inner = '.chapter:not([open]) details:not([open]) *';
   const drawn = [...document.querySelectorAll('figure, dl, pre')].filter(
     (e) => !e.matches(inner) && !e.checkVisibility());
-  return [...cut, ...drawn].map(told);
+  return [...cut, ...broken, ...drawn].map(told);
 })()"""
 
 

@@ -129,7 +129,9 @@ def closest(verdicts: Sequence[Verdict]) -> tuple[float | None, str]:
     found = shares(some)
     place = int(np.nanargmax(found))
     of = f"the closest of {counted(len(judged), 'check')}" if len(judged) > 1 else ""
-    words = f"{rounded(found[place])} of what is allowed: {some[place].row.statistic}"
+    words = (
+        f"{rounded(found[place])} of what is allowed: {some[place].row.statistic.words}"
+    )
     return float(found[place]), ", ".join(filter(None, (words, of)))
 
 

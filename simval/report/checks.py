@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from simval.figures import Figure
+from simval.judge.causes import off
 from simval.judge.findings import reproduce
 from simval.judge.settings import settings_of
 from simval.report.curves import (
@@ -18,9 +19,10 @@ from simval.report.curves import (
     grouped,
     limits,
     numeric,
+    position,
 )
 from simval.report.findings import Claim, claiming
-from simval.report.formatting import sign_of_entries, spelled
+from simval.report.formatting import begun, sign_of_entries, spelled
 from simval.report.gallery import drawn, panels_of
 from simval.report.panels import Drawing, Panel, near
 from simval.report.section import Context, Section, made
@@ -58,17 +60,8 @@ FIRST = 1
 
 def failing_figures(context: Context) -> list[Drawing]:
     """A figure for each kind of failing check, the farthest off first."""
-    keys = figure_names(context.verdicts)
-    firsts: dict[Key, Verdict] = {}
-    for verdict in context.verdicts:
-        if verdict.answer == "fail":
-            firsts.setdefault(key_of(verdict), verdict)
-    found = [
-        drawing
-        for key, name in keys.items()
-        if (drawing := _drawing(context, firsts[key], name)) is not None
-    ]
-    return [*_over_time(context, firsts), *found]
+    failing = [key_of(v) for v in context.verdicts if v.answer == "fail"]
+    return [*_over_time(context, failing), *figures_of(context).values()]
 
 
 def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
@@ -122,12 +115,19 @@ def _over_time(context: Context, failing: Iterable[Key]) -> list[Drawing]:
     ]
 
 
-def figure_names(verdicts: Sequence[Verdict]) -> dict[Key, str]:
-    """Name of the figure for each kind of failing check."""
-    failing = [v for v in verdicts if v.answer == "fail" and v.cell.name]
+def figures_of(context: Context) -> dict[Key, Drawing]:
+    """A figure for each kind of failing check that varies along an axis."""
+    failing = [v for v in context.verdicts if v.answer == "fail" and v.cell.name]
     order = np.argsort(-shares(failing), kind="stable")  # what is no number comes last
-    kinds = dict.fromkeys(key_of(failing[i]) for i in order)
-    return {key: f"failing{i}" for i, key in enumerate(kinds) if i < MAX_FIGURES}
+    worst: dict[Key, Verdict] = {}
+    for i in order:
+        worst.setdefault(key_of(failing[i]), failing[i])
+    found: dict[Key, Drawing] = {}
+    for key, verdict in worst.items():
+        drawing = _drawing(context, verdict, f"failing{len(found)}")
+        if drawing is not None and len(found) < MAX_FIGURES:
+            found[key] = drawing
+    return found
 
 
 def key_of(verdict: Verdict) -> Key:
@@ -143,6 +143,8 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
         return None
     axis = axis_of(cells)
     members = next(g for g in grouped(cells, axis).values() if failed in g)
+    if len({position(cell, axis) for cell in members}) == 1:
+        return None  # a single value is in the table
     figure = Figure(
         name=name, rows=[what], by=predictor, along=axis, value="value", log_x=None,
         log_y=False, theory=predictor or "prediction", caption="",
@@ -150,16 +152,16 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     against = f" against {predictor}" if predictor else ""
     drawing = Drawing(
         name=name,
-        finding=f"{what}: {verdict.reason}.",
+        finding=f"{begun(off(verdict.row))}.",
         caption=(
-            f"{what}{against}, first failing in "
-            f"{described(study, failed.parameters)}: {verdict.reason}."
+            f"{begun(what.words)}{against}, farthest off in "
+            f"{described(study, failed.parameters)}."
         ),
-        panels=[*panels_of(figure, {f"{spelled(study)}, {what}": members})],
+        panels=[*panels_of(figure, {f"{spelled(study)}, {what.words}": members})],
     )
     theory = predictor or "its prediction"
     claim = Claim(
-        subject=str(what), cells=cells, what=[what], by=predictor, theory=theory
+        subject=begun(what.words), cells=cells, what=[what], by=predictor, theory=theory
     )
     # of a limit what the gate says
     return claiming(drawing, claim) if claim.found.off else drawing
@@ -173,7 +175,7 @@ MAX_ROWS = 300  # for the size of a page; the rest is counted
 def checks_section(context: Context) -> Section | None:
     """Make the section on all checks."""
     verdicts = sorted(context.verdicts, key=_rank)
-    figures = figure_names(context.verdicts)
+    figures = {key: each.name for key, each in figures_of(context).items()}
     linked = sorted({figures[k] for v in verdicts if (k := key_of(v)) in figures})
     return made(
         tables=[
@@ -269,7 +271,8 @@ def _outside(rows: Sequence[tuple[CellName, Row]]) -> list[Table]:
             columns=(
                 *map(Column, ("study", "statistic")),
                 *(Column(what, "number") for what in ("checks", "cells")),
-                *map(Column, ("why the first is", "which")),
+                Column("why the first is"),
+                Column("which", "code"),
             ),
             rows=[
                 (

@@ -90,10 +90,10 @@ def failing_table(context: Context) -> Table | None:
     cells = {cell.named: cell.name for cell in context.run.cells}
     words = places(context.run.cells)
     fields: dict[Column, Callable[[Verdict], Any]] = {
-        Column("check"): lambda v: str(v.row.statistic),
+        Column("check"): lambda v: v.row.statistic.words,
         Column("against"): lambda v: v.row.predictor,
         Column("where"): lambda v: words.get(cells.get(v.cell, ""), "all cells"),
-        Column("found", "measured"): lambda v: v.row,
+        Column("found", "measured", 3): lambda v: v.row,
         Column("due", "number", 3, shown="expected"): lambda v: v.row.prediction,
         Column("unit", "unit"): lambda v: v.row.unit,
         Column("beyond what is allowed"): beyond,

@@ -201,7 +201,7 @@ class Claim:
         """Name of a row, without what all rows have in common."""
         one = len({row.statistic.family for _, row in self.rows}) == 1
         words = "" if one else row.statistic.family.words
-        return " ".join(filter(None, (words, ", ".join(row.statistic.entries))))
+        return " ".join(filter(None, (words, ", ".join(row.statistic.printed))))
 
     @cached_property
     def found(self) -> Agreement:

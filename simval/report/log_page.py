@@ -193,7 +193,11 @@ def numbered(
     order = np.arange(float(len(values)))
     odd = np.isin(order, marked)
     places = order if places is None else places
-    series = [Series(label="as the others", x=places[~odd], y=values[~odd])]
+    series = [
+        Series(
+            label="as the others" if odd.any() else "", x=places[~odd], y=values[~odd]
+        )
+    ]
     if odd.any():
         x, y = places[odd], values[odd]
         series.append(Series(label=label, x=x, y=y, colour=COLOURS[1], marker="D"))

@@ -29,7 +29,7 @@ class Column:
     # them; ``quantity``, a pair of its words and a number; ``answer``, a verdict;
     # ``figure``, the name of a figure on the page
     kind: Kind = "text"
-    digits: int = 6  # significant digits of a number
+    digits: int = 6  # significant digits of a number, and of one without an error
     choice: bool = False  # whether the page lets its rows be chosen by it
     # the heading on the page, and the factor of its numbers, where a person reads
     # another unit than a file has
@@ -110,7 +110,8 @@ def text(value: Any, column: Column) -> str:
         return ""
     value = _plain(value, column, shown=True)
     if column.kind == "measured":
-        return measured(*(column.factor * part for part in value))
+        found, error = (column.factor * part for part in value)
+        return measured(found, error) if error else number(found, column.digits)
     if column.kind == "quantity":
         return str(value[0])
     if column.kind == "number":

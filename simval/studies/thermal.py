@@ -172,7 +172,7 @@ FIGURES = (
         rows=stat.SD.each(NAMES),
         along="temperature_span",
         lines=entries,
-        panels=lambda row: row.statistic.entries[0].partition("_")[0],
+        panels=lambda row: row.statistic.entries[0].partition("_")[0].replace("S", "T"),
         caption=(
             "Standard deviation of each parameter and of each linear "
             "coefficient, and the Cramér-Rao bound: a span of temperatures "

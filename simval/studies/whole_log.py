@@ -30,6 +30,7 @@ from simval import statistics as stat
 from simval.arrays import Array
 from simval.consistency import normalised_squares
 from simval.errors import RefusedError
+from simval.figures import Headline, Quote
 from simval.geometry import normalize
 from simval.imu.calibrate.thermal import Term
 from simval.imu.logs import Log
@@ -56,6 +57,15 @@ from simval.studies.trials import Drawn, drawn_rows
 
 TITLE = "Whole log: do evidence, error bars and joint fits of a user's log hold?"
 SECTION = None
+HEADLINE = Headline(
+    says="errors of all three sensors are {surprise} times as surprising as their "
+    "stated error bars expect",
+    quotes={
+        "surprise": Quote(
+            of=stat.CHANCE_OF_ERRORS("all three", "great"), by=stat.CHI_SQUARE
+        )
+    },
+)
 
 EVERY = 10  # rows of 500 Hz to a row of the log
 STD = {"accelerometer": 0.01, "gyroscope": 1e-3, "magnetometer": 1e-3}

@@ -197,7 +197,9 @@ def test_the_closest_check_is_that_of_least_room(tmp_path):
         _, lines = first_screen(replace(run, cells=tuple(cells)))
         line = next(x for x in lines if x.link == "calibration")
         assert line.share == pytest.approx(share, rel=1e-6)
-        assert line.checks.startswith(f"{share:g} of what is allowed: sd[K_y], the ")
+        assert line.checks.startswith(
+            f"{share:g} of what is allowed: standard deviation (K_y), the "
+        )
         assert (line.answer == "fail") == (share > 1.0)
 
 
