@@ -68,7 +68,7 @@ def test_a_failure_is_the_gates_message_alone(judged):
     assert (
         "! Does mine, an estimator, agree with theory? No: its share of exact" in said
     )
-    assert "1 of 31 checks against theory fails; 6 rows are too wide" in said
+    assert "1 of 31 checks against theory fails; 6 more checks are too wide" in said
     assert "fails at half turns about y 100 %" in said
 
 
