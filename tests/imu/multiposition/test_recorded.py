@@ -231,7 +231,7 @@ def test_a_circle_in_a_log_is_refused(seed):
 
 
 def test_no_static_interval_and_too_few():
-    """A sensor that never rests, and one that rests seven times."""
+    """A sensor that never rests, and one that rests seven times or not so long."""
     t = np.arange(6000) / 100.0
     axes = [np.sin(2 * t * k + k) * 9 for k in (1.0, 1.3, 1.7)]
     noise = np.random.default_rng(0).normal(size=(6000, 3)) * 0.01
@@ -241,6 +241,8 @@ def test_no_static_interval_and_too_few():
             calibrate_log(moving, rest=rest)
     with pytest.raises(RefusedError, match=r"at most 7 static intervals"):
         calibrate_log(synthetic(fibonacci_sphere(7)), g=G)
+    with pytest.raises(InputError, match=r"is stated as 1000 s, and .* lasts 59.99 s"):
+        calibrate_log(moving, rest=1000.0)
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.2])
